@@ -85,5 +85,47 @@ impl Error {
     }
 }
 
-/// `std::result::Result` with [`enum@Error`].
-pub type Result<T> = std::result::Result<T, Error>;
+/// What is wrong in some content, before it is known which file, if any, the content came from.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Defect {
+    /// Where: "line 12", "face 7", "header".
+    pub place: String,
+    /// What is wrong there.
+    pub problem: String,
+    /// What the user can do.
+    pub remedy: String,
+}
+
+impl Defect {
+    /// A defect at a place, and what to do about it.
+    pub fn new(
+        place: impl Into<String>,
+        problem: impl Into<String>,
+        remedy: impl Into<String>,
+    ) -> Self {
+        Self {
+            place: place.into(),
+            problem: problem.into(),
+            remedy: remedy.into(),
+        }
+    }
+
+    /// The error of the file that the content came from.
+    pub fn in_file(self, path: &Path) -> Error {
+        Error::file(path, self.place, self.problem, self.remedy)
+    }
+}
+
+impl From<Defect> for Error {
+    fn from(defect: Defect) -> Self {
+        let Defect {
+            place,
+            problem,
+            remedy,
+        } = defect;
+        Self::input(format!("{place}: {problem}"), remedy)
+    }
+}
+
+/// `std::result::Result` with [`enum@Error`] unless told otherwise.
+pub type Result<T, E = Error> = std::result::Result<T, E>;

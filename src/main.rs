@@ -1,1 +1,7 @@
-fn main() {}
+//! The command line of vorofit; see `vorofit --help`.
+
+mod cli;
+
+fn main() -> std::process::ExitCode {
+    cli::main()
+}

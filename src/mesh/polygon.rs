@@ -63,6 +63,16 @@ impl PolygonMesh {
             .map(|w| &self.corners[w[0] as usize..w[1] as usize])
     }
 
+    /// `[faces + 1]`: where each face's corners begin in [`PolygonMesh::corners`].
+    pub fn offsets(&self) -> &[u32] {
+        &self.offsets
+    }
+
+    /// The corners of all faces, one face after the other.
+    pub fn corners(&self) -> &[u32] {
+        &self.corners
+    }
+
     /// The mesh cut into triangles, each face as a fan from its first corner (a quad along the diagonal 0–2).
     pub fn triangulate(&self) -> TriangleMesh {
         let triangles = self
@@ -80,6 +90,17 @@ impl From<TriangleMesh> for PolygonMesh {
     fn from(mesh: TriangleMesh) -> Self {
         Self::from_faces(mesh.positions, mesh.triangles)
     }
+}
+
+/// The surface that a polygon mesh stands for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Scheme {
+    /// Its own faces.
+    Polygon,
+    /// The Catmull–Clark limit surface.
+    CatmullClark,
+    /// The Loop limit surface; triangles only.
+    Loop,
 }
 
 /// An edge of a control mesh that stays sharp.

@@ -1,0 +1,176 @@
+//! Generated inputs of every kernel, the same on every machine.
+
+use crate::geometry::triangle_tree::{TriangleTree, spatial_order};
+use crate::kernel::candidates::{CandidateInput, Candidates};
+use crate::kernel::closest_point::ClosestInput;
+use crate::kernel::differentiated_voronoi::DifferentiatedInput;
+use crate::kernel::restricted_voronoi::{Metric, RestrictedInput};
+use crate::kernel::sparse::{Csr, SparseInput};
+use crate::kernel::sum::{Segments, SumInput};
+use crate::kernel::vsdm::{FixedSide, MovingSide};
+use crate::mesh::TriangleMesh;
+use glam::{DMat3, DVec3};
+use std::f64::consts::{PI, TAU};
+
+/// The normal anisotropy of the samples: other than 1, so that all of a kernel runs.
+const ANISOTROPY: f64 = 5.0;
+/// Triangles to a seed: a scan is finer than the surface that is fitted to it.
+const TRIANGLES_TO_SEED: usize = 8;
+/// Records to a segment, as many as slots to a seed.
+const RECORDS_TO_SEGMENT: usize = 12;
+/// Entries to a row, and rows to a column: those of two subdivisions.
+const ENTRIES: usize = 16;
+/// How far queries are from the surface, as a factor of its radius.
+const QUERY_RADIUS: f64 = 1.02;
+
+/// About `records` pairs of four-vectors in segments.
+pub fn sums(records: usize) -> SumInput {
+    let segments = (records / RECORDS_TO_SEGMENT).max(1);
+    let keys = (0..records).map(|k| (k * 7919 % segments) as u32);
+    SumInput {
+        values: (0..2 * records).map(|k| [(k as f64).sin(); 4]).collect(),
+        width: 2,
+        segments: Segments::by_key(keys, segments),
+    }
+}
+
+/// A matrix of `rows` rows times points.
+pub fn product(rows: usize) -> SparseInput {
+    let columns = (rows / ENTRIES).max(1);
+    let weight = 1.0 / ENTRIES as f64;
+    let column = |row: usize, k: usize| ((row / ENTRIES + 5 * k) % columns) as u32;
+    SparseInput {
+        matrix: Csr::build(rows, columns, |row, entries| {
+            entries.extend((0..ENTRIES).map(|k| (column(row, k), weight)));
+        }),
+        points: (0..columns)
+            .map(|k| DVec3::splat((k as f64).cos()))
+            .collect(),
+    }
+}
+
+/// As many queries near a sphere as it has triangles.
+pub fn closest(triangles: usize) -> ClosestInput {
+    let sphere = Sphere::new(triangles);
+    let queries = spread(sphere.mesh.triangles.len());
+    ClosestInput {
+        points: queries.iter().map(|p| QUERY_RADIUS * *p).collect(),
+        mesh: sphere.mesh,
+    }
+}
+
+/// The search for the seeds whose cells meet the triangles of a sphere.
+pub fn candidates(triangles: usize) -> CandidateInput {
+    CandidateInput {
+        triangles: Sphere::new(triangles).corners(),
+        seeds: spread(triangles / TRIANGLES_TO_SEED),
+        slack: 0.0,
+    }
+}
+
+/// The Voronoi cells of seeds on a sphere.
+pub fn restricted(triangles: usize) -> RestrictedInput {
+    let sphere = Sphere::new(triangles);
+    let seeds = spread(triangles / TRIANGLES_TO_SEED);
+    RestrictedInput {
+        candidates: sphere.candidates(&seeds),
+        triangles: sphere.corners(),
+        seeds,
+        metric: Metric::anisotropic(ANISOTROPY),
+    }
+}
+
+/// The Voronoi cells of samples on a sphere that moves.
+pub fn differentiated(triangles: usize) -> DifferentiatedInput {
+    let sphere = Sphere::new(triangles);
+    let samples = spread(triangles / TRIANGLES_TO_SEED);
+    DifferentiatedInput {
+        candidates: sphere.candidates(&samples),
+        normals: samples.iter().map(|p| p.normalize()).collect(),
+        triangles: sphere.mesh.triangles,
+        points: sphere.mesh.positions,
+        samples,
+        metric: Metric::anisotropic(ANISOTROPY),
+    }
+}
+
+/// A sphere to be fitted to one of `triangles` triangles: both sides of the evaluation, its metric and control points to start from.
+pub fn evaluation(triangles: usize) -> (FixedSide, MovingSide, Metric, Vec<DVec3>) {
+    let target = Sphere::new(triangles);
+    let mut surface = Sphere::new(2 * triangles / TRIANGLES_TO_SEED).mesh;
+    // Turned, so that no edge of the target lies on a bisector by symmetry: the gradient jumps there, and the twins may take either side.
+    let turn = DMat3::from_rotation_x(0.7) * DMat3::from_rotation_z(0.3);
+    for p in &mut surface.positions {
+        *p = QUERY_RADIUS * (turn * *p);
+    }
+    let count = surface.positions.len();
+    let samples = spread(count);
+    let normals = samples.iter().map(|p| p.normalize()).collect();
+    (
+        FixedSide::new(&target.corners(), samples, normals),
+        MovingSide::new(Csr::identity(count), surface.triangles),
+        Metric::anisotropic(ANISOTROPY),
+        surface.positions,
+    )
+}
+
+/// Points spread evenly over the sphere of diameter 1, by the golden angle; at least one.
+fn spread(count: usize) -> Vec<DVec3> {
+    let count = count.max(1);
+    let golden = PI * (3.0 - 5f64.sqrt());
+    (0..count)
+        .map(|k| {
+            let z = 1.0 - 2.0 * (k as f64 + 0.5) / count as f64;
+            let around = golden * k as f64;
+            let r = (1.0 - z * z).sqrt();
+            0.5 * DVec3::new(r * around.cos(), r * around.sin(), z)
+        })
+        .collect()
+}
+
+/// A sphere of diameter 1 by latitude and longitude, open at the poles, triangles in spatial order.
+struct Sphere {
+    mesh: TriangleMesh,
+}
+
+impl Sphere {
+    /// Of about so many triangles.
+    fn new(triangles: usize) -> Self {
+        let n = ((triangles as f64 / 2.0).sqrt().round() as usize).max(3);
+        let point = |k: usize| {
+            let around = TAU * (k % n) as f64 / n as f64;
+            let down = PI * ((k / n) as f64 + 0.5) / n as f64;
+            let r = down.sin();
+            0.5 * DVec3::new(r * around.cos(), r * around.sin(), down.cos())
+        };
+        let positions: Vec<_> = (0..n * n).map(point).collect();
+        let at = |row: usize, column: usize| (row * n + column % n) as u32;
+        let triangles: Vec<[u32; 3]> = (0..n * (n - 1))
+            .map(|k| (k / n, k % n))
+            .flat_map(|(r, c)| {
+                let [a, b] = [at(r, c), at(r, c + 1)];
+                let [c, d] = [at(r + 1, c), at(r + 1, c + 1)];
+                [[a, c, b], [b, c, d]]
+            })
+            .collect();
+        let center = |t: &[u32; 3]| t.map(|v| positions[v as usize]).iter().sum::<DVec3>() / 3.0;
+        let order = spatial_order(&triangles.iter().map(center).collect::<Vec<_>>());
+        let triangles = order.iter().map(|&t| triangles[t as usize]).collect();
+        Self {
+            mesh: TriangleMesh {
+                positions,
+                triangles,
+            },
+        }
+    }
+
+    fn corners(&self) -> Vec<[DVec3; 3]> {
+        let count = self.mesh.triangles.len();
+        (0..count).map(|t| self.mesh.corners(t)).collect()
+    }
+
+    fn candidates(&self, seeds: &[DVec3]) -> Candidates {
+        let corners = self.corners();
+        Candidates::find(&TriangleTree::new(&corners), &corners, seeds, 0.0)
+    }
+}

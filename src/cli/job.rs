@@ -1,0 +1,362 @@
+//! What `fit` and `demo` have in common: fit, judge, write, and say so.
+
+use super::Outcome;
+use super::session::Session;
+use super::text::{Summary, count, significant};
+use glam::DVec3;
+use std::path::{Path, PathBuf};
+use vorofit::files::{SurfaceToWrite, check_place, check_writable, write_surface};
+use vorofit::fit::{self, Iteration, Options, Start, StopReason, Target, Template};
+use vorofit::measure;
+use vorofit::mesh::check::Census;
+use vorofit::mesh::{ControlMesh, Frame, PolygonMesh, Scheme, shapes};
+use vorofit::report::{
+    DeviceReport, ErrorReport, Figures, Report, ResultReport, Settings, Stopwatch, TargetReport,
+};
+use vorofit::{Error, Result};
+
+/// Area samples a side by which the result is judged: the rms is then certain to about a percent.
+const SAMPLES: usize = 200_000;
+
+/// A fit to be run.
+pub struct Job<'a> {
+    /// The command, for the report.
+    pub command: &'static str,
+    /// What the target is called in messages.
+    pub name: &'a Path,
+    pub target: &'a PolygonMesh,
+    pub template: Template,
+    pub options: Options,
+    pub settings: Settings,
+    pub outputs: Outputs,
+    /// A file for the report, beside the one that the user may ask for.
+    pub report: Option<PathBuf>,
+}
+
+/// The files to write.
+#[derive(Debug, Default)]
+pub struct Outputs {
+    pub control: Vec<PathBuf>,
+    pub surface: Vec<PathBuf>,
+}
+
+impl Outputs {
+    /// Refuses, before any work, what could not be written after it, and what would replace an input.
+    pub fn check(&self, scheme: Scheme, inputs: &[&Path]) -> Result<()> {
+        let triangle: PolygonMesh = shapes::sphere(1.0, 0).into();
+        let control = ControlMesh::from(triangle.clone());
+        for path in &self.control {
+            check_writable(path, &SurfaceToWrite::control(&control, scheme))?;
+        }
+        for path in &self.surface {
+            check_writable(path, &SurfaceToWrite::dense(&triangle, None))?;
+        }
+        let all: Vec<&PathBuf> = self.control.iter().chain(&self.surface).collect();
+        for (k, path) in all.iter().enumerate() {
+            check_place(path)?;
+            if inputs.iter().any(|input| is_same_file(input, path)) {
+                return Err(refused(path, "it is also an input"));
+            }
+            if all[..k].contains(path) {
+                return Err(refused(path, "it is given twice"));
+            }
+        }
+        Ok(())
+    }
+}
+
+fn is_same_file(a: &Path, b: &Path) -> bool {
+    let resolved = |path: &Path| std::fs::canonicalize(path).ok();
+    resolved(a).is_some_and(|a| resolved(b) == Some(a))
+}
+
+fn refused(path: &Path, problem: &str) -> Error {
+    Error::file(path, "output", problem, "give another name")
+}
+
+/// A fit that has run, in input coordinates.
+struct Finished {
+    control: ControlMesh,
+    surface: PolygonMesh,
+    /// `[surface vertices]`: from the target; empty where no surface is written.
+    distances: Vec<f64>,
+    diagonal: f64,
+    error: ErrorReport,
+    iterations: Vec<Iteration>,
+    stop_reason: StopReason,
+}
+
+impl Job<'_> {
+    /// Runs it, with a stopwatch that has measured the reading so far.
+    pub fn run(&self, session: &Session, mut stopwatch: Stopwatch) -> Result<Outcome> {
+        stopwatch.lap("read");
+        let finished = self.fit(session, &mut stopwatch)?;
+        session.terminal.stage("writing");
+        self.write(&finished)?;
+        stopwatch.lap("write");
+        session.terminal.clear();
+        let outcome = match finished.stop_reason {
+            StopReason::Interrupted => Outcome::Interrupted,
+            _ => Outcome::Done,
+        };
+        let report = self.report(session, finished, &stopwatch)?;
+        if let Some(path) = &self.report {
+            report.write(path)?;
+        }
+        session.finish(&report, &self.summary(&report))?;
+        Ok(outcome)
+    }
+
+    fn fit(&self, session: &Session, stopwatch: &mut Stopwatch) -> Result<Finished> {
+        let about_template = |e| in_file(e, self.template_file(), "template");
+        let device = session.device()?;
+        session.terminal.stage("preparing the target");
+        let mut input = self.target.triangulate();
+        let target = Target::new(device, &input).map_err(|e| in_file(e, self.name, "faces"))?;
+        stopwatch.lap("prepare");
+        let start =
+            Start::new(&target, &self.template, self.options.scheme).map_err(about_template)?;
+        stopwatch.lap("template");
+        let fit = fit::fit(device, &target, start, &self.options, &session.terminal)
+            .map_err(about_template)?;
+        stopwatch.laps(fit.stages);
+
+        session.terminal.stage("measuring the error");
+        // The fit's own target has its holes bridged; judged is the input, in the unit frame, where f64 has digits to spare.
+        let to_unit = |p: &mut DVec3| *p = target.frame.to_unit(*p);
+        input.positions.iter_mut().for_each(to_unit);
+        let error = measure::surface_error(&input, &fit.surface.triangulate(), SAMPLES)
+            .map_err(|e| in_file(e, self.name, "result"))?;
+        let Frame { diagonal, .. } = target.frame;
+        let distances = match self.outputs.surface.is_empty() {
+            true => Vec::new(),
+            false => measure::distances(&input, &fit.surface.positions)?,
+        };
+        let mut finished = Finished {
+            control: fit.control,
+            surface: fit.surface,
+            distances: distances.iter().map(|d| d * diagonal).collect(),
+            diagonal,
+            error: ErrorReport::of_fit(&error, diagonal),
+            iterations: fit.iterations,
+            stop_reason: fit.stop_reason,
+        };
+        let control = &mut finished.control.mesh.positions;
+        for p in control.iter_mut().chain(&mut finished.surface.positions) {
+            *p = target.frame.to_input(*p);
+        }
+        stopwatch.lap("measure");
+        Ok(finished)
+    }
+
+    fn write(&self, finished: &Finished) -> Result<()> {
+        let control = SurfaceToWrite::control(&finished.control, self.options.scheme);
+        for path in &self.outputs.control {
+            write_surface(path, &control)?;
+        }
+        let surface = SurfaceToWrite::dense(&finished.surface, Some(&finished.distances));
+        for path in &self.outputs.surface {
+            write_surface(path, &surface)?;
+        }
+        Ok(())
+    }
+
+    /// The file to name where the template is at fault: grids come from the target.
+    fn template_file(&self) -> &Path {
+        match self.template {
+            Template::Mesh { .. } => Path::new(&self.settings.template),
+            _ => self.name,
+        }
+    }
+
+    fn report(
+        &self,
+        session: &Session,
+        finished: Finished,
+        stopwatch: &Stopwatch,
+    ) -> Result<Report> {
+        let Finished {
+            control,
+            surface,
+            error,
+            stop_reason,
+            ..
+        } = finished;
+        Ok(Report {
+            device: Some(DeviceReport::of(session.device()?)),
+            settings: Some(self.settings.clone()),
+            target: Some(TargetReport {
+                vertices: self.target.positions.len(),
+                faces: self.target.face_count(),
+                bbox_diagonal: finished.diagonal,
+            }),
+            result: Some(ResultReport {
+                control_points: Some(control.mesh.positions.len()),
+                control_faces: Some(control.mesh.face_count()),
+                surface_vertices: surface.positions.len(),
+                surface_faces: surface.face_count(),
+            }),
+            iterations: Some(finished.iterations),
+            converged: Some(match stop_reason {
+                StopReason::Tolerance => true,
+                StopReason::Schedule => self.meets_tolerance(&error),
+                StopReason::Iterations | StopReason::Interrupted => false,
+            }),
+            stop_reason: Some(stop_reason),
+            error: Some(error),
+            timing: Some(stopwatch.timing()),
+            ..Report::new(self.command)
+        })
+    }
+
+    /// Whether the error is what was asked for, if anything was.
+    fn meets_tolerance(&self, error: &ErrorReport) -> bool {
+        let Settings {
+            max_error_percent,
+            mean_error_percent,
+            ..
+        } = self.settings;
+        max_error_percent.is_none_or(|asked| error.max_percent <= asked)
+            && mean_error_percent.is_none_or(|asked| error.mean_percent <= asked)
+    }
+
+    /// The report in words.
+    fn summary(&self, report: &Report) -> String {
+        let mut summary = Summary::default();
+        if let Some(size) = &report.result {
+            let control = format!(
+                "{} control points, {} faces",
+                count(size.control_points.unwrap_or_default()),
+                count(size.control_faces.unwrap_or_default())
+            );
+            let surface = format!(
+                "{} vertices, {} faces",
+                count(size.surface_vertices),
+                count(size.surface_faces)
+            );
+            let controls = self.outputs.control.iter().map(|path| (path, &control));
+            let surfaces = self.outputs.surface.iter().map(|path| (path, &surface));
+            let files: Vec<_> = controls.chain(surfaces).collect();
+            let width = files
+                .iter()
+                .map(|(path, _)| path.display().to_string().chars().count());
+            let width = width.max().unwrap_or_default();
+            for (path, size) in files {
+                summary.line(
+                    "wrote",
+                    format!("{:width$}   {size}", path.display().to_string()),
+                );
+            }
+        }
+        if let Some(error) = &report.error {
+            self.summarize_error(error, &mut summary);
+        }
+        summary.line("time", self.time(report));
+        summary.line("open", self.what_to_open());
+        summary.text()
+    }
+
+    fn summarize_error(&self, error: &ErrorReport, summary: &mut Summary) {
+        let line = |[largest, rms, mean]: [f64; 3], unit: &str, of: &str| {
+            let [largest, rms, mean] = [largest, rms, mean].map(|x| significant(x, 3));
+            format!("largest {largest}{unit}, rms {rms}{unit}, mean {mean}{unit} {of}")
+        };
+        let percent = [error.max_percent, error.rms_percent, error.mean_percent];
+        summary.line(
+            "error",
+            line(percent, " %", "of the bounding box's diagonal"),
+        );
+        let directions = [&error.target_to_surface, &error.surface_to_target].map(|d| d.figures);
+        let larger =
+            |figure: fn(&Figures) -> f64| directions.iter().map(figure).fold(0.0, f64::max);
+        let units = [larger(|f| f.max), larger(|f| f.rms), larger(|f| f.mean)];
+        summary.line(
+            "error",
+            line(
+                units,
+                "",
+                &format!("in the units of {}", self.name.display()),
+            ),
+        );
+        if let Some(holes) = &error.over_holes {
+            summary.line(
+                "holes",
+                format!(
+                    "{} % of the surface spans holes of the scan, at most {} % of the diagonal away from it; not counted above",
+                    significant(holes.area_percent, 3),
+                    significant(holes.max_percent, 3)
+                ),
+            );
+        }
+    }
+
+    fn time(&self, report: &Report) -> String {
+        let asked = self.options.max_error.is_some() || self.options.mean_error.is_some();
+        let why = match (report.stop_reason, report.converged) {
+            (Some(StopReason::Interrupted), _) => "interrupted: this is the best so far",
+            (Some(StopReason::Iterations), _) => "stopped at the iterations allowed",
+            (Some(StopReason::Tolerance), _) => "stopped at the error asked for",
+            (_, Some(false)) if asked => {
+                "ran to the end without reaching the error asked for: try more control points"
+            }
+            _ => "ran to the end",
+        };
+        let seconds = report.timing.as_ref().map_or(0.0, |timing| timing.total_s);
+        let iterations = report.iterations.as_ref().map_or(0, Vec::len);
+        format!("{seconds:.1} s, {} iterations; {why}", count(iterations))
+    }
+
+    fn what_to_open(&self) -> String {
+        let with = |extension: &str| {
+            let all = self.outputs.surface.iter().chain(&self.outputs.control);
+            let has = |path: &&PathBuf| {
+                path.extension()
+                    .is_some_and(|e| e.eq_ignore_ascii_case(extension))
+            };
+            all.into_iter().find(has)
+        };
+        if let Some(path) = with("glb") {
+            return format!(
+                "{} in any glTF viewer: its colours are the error",
+                path.display()
+            );
+        }
+        if let Some(path) = with("usda") {
+            return format!(
+                "{} in Blender or usdview: it is a subdivision surface there",
+                path.display()
+            );
+        }
+        let first = self
+            .outputs
+            .control
+            .first()
+            .map(|path| path.display().to_string());
+        let first = first.unwrap_or_default();
+        match self.options.scheme {
+            Scheme::CatmullClark => {
+                format!("{first} in Blender, with a Subdivision Surface modifier on it")
+            }
+            Scheme::Loop => format!("{first} in MeshLab, with Loop subdivision applied to it"),
+            Scheme::Polygon => format!("{first} in any mesh viewer"),
+        }
+    }
+}
+
+/// Tells the flaws of an input in one line.
+pub fn warn_of_flaws(session: &Session, path: &Path, census: &Census) {
+    let warnings = census.warnings();
+    if !warnings.is_empty() {
+        session
+            .terminal
+            .warn(&format!("{}: {}", path.display(), warnings.join(", ")));
+    }
+}
+
+/// An error about a mesh, with the file that the mesh came from.
+fn in_file(error: Error, path: &Path, place: &str) -> Error {
+    match error {
+        Error::Input { problem, remedy } => Error::file(path, place, problem, remedy),
+        other => other,
+    }
+}

@@ -1,0 +1,187 @@
+//! Where a fit starts: a template coarse enough to find its way, and how often it is subdivided on the way.
+
+use super::{Start, Target};
+use crate::error::Result;
+use crate::mesh::{ControlMesh, Scheme};
+use crate::template::{self, Align, Axis};
+use glam::DVec3;
+
+/// A fit starts with at least this many control points, where the asked number allows: fewer do not show the target's shape, and
+/// from many more it folds.
+const COARSEST: usize = 90;
+
+/// What a fit starts from, in the target's coordinates.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Template {
+    /// The target's bounding box.
+    BoundingBox {
+        /// Control points at the end of the fit, as nearly as the grid allows.
+        control_points: usize,
+    },
+    /// A torus around the target's hole.
+    Torus {
+        /// What it goes around.
+        axis: Axis,
+        /// Control points at the end of the fit, as nearly as the grid allows.
+        control_points: usize,
+    },
+    /// A control mesh of the user's own. It is fitted as it is, without subdivision.
+    Mesh {
+        /// The mesh.
+        control: ControlMesh,
+        /// How it is brought onto the target.
+        align: Align,
+    },
+}
+
+impl Start {
+    /// The start for a template.
+    ///
+    /// Grids start with about a hundred points and have the asked number after the subdivisions. For [`Scheme::Loop`] polygons are cut
+    /// into triangles.
+    ///
+    /// # Errors
+    /// As [`template::torus`] and [`template::placed`].
+    pub fn new(target: &Target, template: &Template, scheme: Scheme) -> Result<Self> {
+        let bounds = target.mesh.bounding_box().unwrap_or_default();
+        let (mut control, subdivisions) = match template {
+            Template::BoundingBox { control_points } => {
+                // On a sphere V grows to 4 V − 6: by quads as by triangles, V − 2 is multiplied by four.
+                let (count, subdivisions) = coarsest(*control_points, 2);
+                let (lo, hi) = bounds;
+                (template::bounding_box(lo, hi, count), subdivisions)
+            }
+            Template::Torus {
+                axis,
+                control_points,
+            } => {
+                // On a torus V itself is.
+                let (count, subdivisions) = coarsest(*control_points, 0);
+                let axis = in_unit_frame(*axis, target);
+                (template::torus(&target.mesh, axis, count)?, subdivisions)
+            }
+            Template::Mesh { control, align } => {
+                let mut control = control.clone();
+                for p in &mut control.mesh.positions {
+                    *p = target.frame.to_unit(*p);
+                }
+                (template::placed(&control, *align, bounds)?, 0)
+            }
+        };
+        if scheme == Scheme::Loop {
+            control.mesh = control.mesh.triangulate().into();
+        }
+        Ok(Self {
+            control,
+            subdivisions,
+            nearby: !matches!(template, Template::BoundingBox { .. }),
+        })
+    }
+}
+
+/// The number of points to start with and of subdivisions to make it `wanted`, for a grid whose points beyond `fixed` are multiplied by
+/// four.
+fn coarsest(wanted: usize, fixed: usize) -> (usize, usize) {
+    let at = |k: usize| {
+        let share = wanted.saturating_sub(fixed) as f64 / 4f64.powi(k as i32);
+        share.round() as usize + fixed
+    };
+    let subdivisions = (1..32).take_while(|&k| at(k) >= COARSEST).count();
+    (at(subdivisions), subdivisions)
+}
+
+fn in_unit_frame(axis: Axis, target: &Target) -> Axis {
+    match axis {
+        Axis::Inertia => Axis::Inertia,
+        Axis::Given { point, direction } => Axis::Given {
+            point: target.frame.to_unit(point),
+            direction: direction.try_normalize().unwrap_or(DVec3::ZERO),
+        },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::device::Device;
+    use crate::mesh::{PolygonMesh, shapes};
+    use crate::model;
+
+    fn end(target: &PolygonMesh, template: &Template, scheme: Scheme) -> usize {
+        let target = Target::new(&Device::Cpu, &target.triangulate()).unwrap();
+        let start = Start::new(&target, template, scheme).unwrap();
+        let mut control = start.control;
+        assert!(control.mesh.positions.len() < 4 * COARSEST + 40);
+        for _ in 0..start.subdivisions {
+            control = model::subdivide(&control, scheme).unwrap();
+        }
+        control.mesh.positions.len()
+    }
+
+    #[test]
+    fn grids_end_with_the_asked_number() {
+        let ball = shapes::sphere(3.0, 3).into();
+        let ring = shapes::torus(3.0, 1.0, 40, 20);
+        for scheme in [Scheme::CatmullClark, Scheme::Loop, Scheme::Polygon] {
+            for control_points in [98, 386, 1538, 6146] {
+                let template = Template::BoundingBox { control_points };
+                assert_eq!(end(&ball, &template, scheme), control_points);
+            }
+            let template = Template::Torus {
+                axis: Axis::Inertia,
+                control_points: 512,
+            };
+            assert_eq!(end(&ring, &template, scheme), 512);
+        }
+        let template = Template::BoundingBox {
+            control_points: 1500,
+        };
+        let reached = end(&ball, &template, Scheme::CatmullClark);
+        assert!(reached.abs_diff(1500) < 75, "{reached}");
+    }
+
+    #[test]
+    fn few_points_are_not_subdivided_and_none_is_a_box() {
+        assert_eq!(coarsest(50, 2), (50, 0));
+        assert_eq!(coarsest(386, 2), (98, 1));
+        assert_eq!(coarsest(1538, 2), (98, 2));
+        assert_eq!(coarsest(512, 0), (128, 1));
+        assert_eq!(coarsest(0, 2), (2, 0));
+        let ball = shapes::sphere(1.0, 2).into();
+        let none = Template::BoundingBox { control_points: 0 };
+        assert_eq!(end(&ball, &none, Scheme::CatmullClark), 8);
+    }
+
+    #[test]
+    fn a_given_axis_and_a_given_mesh_are_in_the_targets_coordinates() {
+        let offset = DVec3::new(5e6, -4e6, 3e5);
+        let mut ring = shapes::torus(3.0, 1.0, 40, 20);
+        for p in &mut ring.positions {
+            *p += offset;
+        }
+        let template = Template::Torus {
+            axis: Axis::Given {
+                point: offset,
+                direction: 7.0 * DVec3::Z,
+            },
+            control_points: 512,
+        };
+        assert_eq!(end(&ring, &template, Scheme::CatmullClark), 512);
+        let target = Target::new(&Device::Cpu, &ring.triangulate()).unwrap();
+        let template = Template::Mesh {
+            control: ring.into(),
+            align: Align::None,
+        };
+        let start = Start::new(&target, &template, Scheme::CatmullClark).unwrap();
+        assert_eq!(start.subdivisions, 0);
+        for (a, b) in start
+            .control
+            .mesh
+            .positions
+            .iter()
+            .zip(&target.mesh.positions)
+        {
+            assert!(a.distance(*b) < 1e-12);
+        }
+    }
+}

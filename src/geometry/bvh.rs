@@ -1,0 +1,716 @@
+//! A tree of bounding boxes over triangles that finds the closest point of a surface.
+//!
+//! **Theory.** Each node has up to four children and their boxes; the distance from a point to a box bounds the distance to
+//! everything inside from below. The search descends into the nearest box first and leaves out boxes that are further than the
+//! best triangle so far. Boxes come from a binned surface-area heuristic.
+//!
+//! **Practice.** Boxes are f32 in a frame where the mesh is centred and about 1 in size, rounded outwards, so that one cache line and a half
+//! holds four of them and one vector instruction compares four. They only ever decide what is left out, and always on the safe side:
+//! triangles and answers are f64 in the mesh's own coordinates, and agree with a search through all triangles to the bit. Of triangles at
+//! exactly the same distance, the one with the lowest index is the answer; it then depends neither on the tree nor on the threads.
+
+use super::morton;
+use super::triangle::Triangle;
+use crate::error::{Error, Result};
+use bytemuck::{Pod, Zeroable};
+use glam::{DVec3, Vec3A, Vec4};
+use rayon::prelude::*;
+
+/// Most triangles of a leaf.
+const LEAF_SIZE: usize = 2;
+/// Bins of the surface-area heuristic.
+const BINS: usize = 16;
+/// Runs up to this length are halved by count: binning them costs more than it saves.
+const FEW: usize = 8;
+/// Levels down to which the heuristic decides; from there on nodes are halved by count, which bounds the depth.
+const HEURISTIC_LEVELS: usize = 16;
+/// Entries of the search stack: each level leaves at most three behind, and 2²⁸ triangles halved twice a level add 14 levels.
+const STACK_SIZE: usize = 3 * (HEURISTIC_LEVELS + 14) + 4;
+/// Subtrees larger than this are built in parallel.
+const PARALLEL_SIZE: usize = 4096;
+/// Queries that one thread answers in a row, each starting from the answer before it.
+const QUERY_CHUNK: usize = 256;
+/// Covers the rounding of a squared distance between a point and a box in f32: five operations, 2⁻²⁴ each.
+const ROUNDING: f32 = 1.0 + 1.0 / (1 << 20) as f32;
+/// Marks a child that is a leaf.
+const LEAF: u32 = 1 << 31;
+/// Bits of a leaf's reference that hold its count.
+const COUNT_BITS: u32 = 3;
+/// Where the box of an absent child is: out of reach, with a square that is still finite in f32.
+const NOWHERE: f32 = 1e18;
+
+/// The closest point of a surface.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ClosestPoint {
+    /// The triangle it is on.
+    pub triangle: u32,
+    /// Weights of that triangle's corners: non-negative, sum 1 to rounding, exactly 0 on the opposite edge.
+    pub barycentric: [f64; 3],
+    /// The point itself.
+    pub point: DVec3,
+    /// Its squared distance from the query.
+    pub distance_squared: f64,
+}
+
+/// A bounding volume hierarchy over the triangles of a mesh; see the module.
+#[derive(Debug, Clone)]
+pub struct Bvh {
+    /// The root first.
+    pub(crate) nodes: Vec<Node>,
+    /// `[triangles]`, in the order of the leaves.
+    pub(crate) leaves: Vec<Leaf>,
+    /// From the mesh's coordinates to those of the boxes: subtract, then multiply.
+    pub(crate) center: DVec3,
+    pub(crate) scale: f64,
+}
+
+/// Four children: their boxes coordinate by coordinate, and where they are.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+pub(crate) struct Node {
+    pub lo: [Vec4; 3],
+    pub hi: [Vec4; 3],
+    /// The index of a node, or [`LEAF`] | first << [`COUNT_BITS`] | count for a run of leaves. Absent children are leaves of count 0.
+    pub children: [u32; 4],
+}
+
+/// A triangle and its index in the mesh.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Leaf {
+    pub triangle: Triangle,
+    pub index: u32,
+}
+
+/// The best triangle that a search has found so far.
+#[derive(Clone, Copy)]
+struct Best {
+    distance_squared: f64,
+    /// Its index in the mesh; `u32::MAX` for none.
+    index: u32,
+    /// Its place among the leaves.
+    slot: u32,
+    barycentric: [f64; 3],
+}
+
+impl Bvh {
+    /// The tree of a mesh: about 25 ms of one thread for 70,000 triangles. To follow a moving surface, build it again.
+    ///
+    /// `positions` must be finite and `triangles` (`[triangles, 3]`, at most 2²⁸) index into them; degenerate and duplicate triangles are welcome.
+    ///
+    /// # Errors
+    /// Where there is no triangle: nothing is then closest.
+    pub fn new(positions: &[DVec3], triangles: &[[u32; 3]]) -> Result<Self> {
+        if triangles.is_empty() || triangles.len() >> (31 - COUNT_BITS) != 0 {
+            return Err(Error::input(
+                format!("a search tree over {} triangles", triangles.len()),
+                "give a surface with at least one triangle and fewer than 2^28",
+            ));
+        }
+        let corners = |t: &[u32; 3]| t.map(|v| positions[v as usize]);
+        let (lo, hi) = triangles.par_iter().map(|t| bounds_of(corners(t))).reduce(
+            || (DVec3::INFINITY, DVec3::NEG_INFINITY),
+            |a, b| (a.0.min(b.0), a.1.max(b.1)),
+        );
+        let center = lo + 0.5 * (hi - lo);
+        let extent = (hi - lo).max_element();
+        let scale = if extent > 0.0 { extent.recip() } else { 1.0 };
+        let mut items: Vec<Item> = triangles
+            .par_iter()
+            .enumerate()
+            .map(|(index, t)| {
+                let (lo, hi) = bounds_of(corners(t).map(|p| (p - center) * scale));
+                Item {
+                    bounds: Bounds {
+                        lo: round_down(lo),
+                        hi: round_up(hi),
+                    },
+                    index: index as u32,
+                }
+            })
+            .collect();
+        let mut nodes = Vec::with_capacity(triangles.len() / LEAF_SIZE);
+        build(&mut items, 0, 0, &mut nodes);
+        let leaves = items
+            .par_iter()
+            .map(|item| Leaf {
+                triangle: Triangle::new(corners(&triangles[item.index as usize])),
+                index: item.index,
+            })
+            .collect();
+        Ok(Self {
+            nodes,
+            leaves,
+            center,
+            scale,
+        })
+    }
+
+    /// The point of the surface closest to `p`.
+    pub fn closest(&self, p: DVec3) -> ClosestPoint {
+        self.answer(&self.search(p, self.candidate(p, 0)))
+    }
+
+    /// The point of the surface closest to `p`, if it is no further away than `distance`.
+    pub fn closest_within(&self, p: DVec3, distance: f64) -> Option<ClosestPoint> {
+        let nothing = Best {
+            distance_squared: distance * distance,
+            index: u32::MAX,
+            slot: 0,
+            barycentric: [0.0; 3],
+        };
+        let best = self.search(p, nothing);
+        (best.index != u32::MAX).then(|| self.answer(&best))
+    }
+
+    /// [`Self::closest`] of many points, in parallel and in their order; the same answers to the bit.
+    pub fn closest_all(&self, points: &[DVec3]) -> Vec<ClosestPoint> {
+        let order = morton::order(points);
+        let sorted: Vec<ClosestPoint> = order
+            .par_chunks(QUERY_CHUNK)
+            .flat_map_iter(|chunk| {
+                chunk.iter().scan(0, |slot, &i| {
+                    let p = points[i as usize];
+                    let best = self.search(p, self.candidate(p, *slot));
+                    *slot = best.slot;
+                    Some(self.answer(&best))
+                })
+            })
+            .collect();
+        let mut place = vec![0; order.len()];
+        for (k, &i) in order.iter().enumerate() {
+            place[i as usize] = k;
+        }
+        place.into_par_iter().map(|k| sorted[k]).collect()
+    }
+
+    /// The triangle in a slot as a first answer; a good one lets the search leave out most of the tree.
+    fn candidate(&self, p: DVec3, slot: u32) -> Best {
+        let leaf = &self.leaves[slot as usize];
+        let nearest = leaf.triangle.nearest(p);
+        Best {
+            distance_squared: nearest.distance_squared,
+            index: leaf.index,
+            slot,
+            barycentric: nearest.barycentric,
+        }
+    }
+
+    fn answer(&self, best: &Best) -> ClosestPoint {
+        ClosestPoint {
+            triangle: best.index,
+            barycentric: best.barycentric,
+            point: self.leaves[best.slot as usize]
+                .triangle
+                .point(best.barycentric),
+            distance_squared: best.distance_squared,
+        }
+    }
+
+    /// The better of `best` and every triangle of the tree.
+    fn search(&self, p: DVec3, mut best: Best) -> Best {
+        let local = (p - self.center) * self.scale;
+        let (lo, hi) = (round_down(local).to_array(), round_up(local).to_array());
+        let mut limit = self.limit(best.distance_squared);
+        // Entries are a box's squared distance (its bits sort like the number) over the child's reference.
+        let mut stack = [0u64; STACK_SIZE];
+        let mut height = 1;
+        while height > 0 {
+            height -= 1;
+            let entry = stack[height];
+            if distance_of(entry) > limit {
+                continue;
+            }
+            let child = entry as u32;
+            if child & LEAF != 0 {
+                let (first, count) = leaf_range(child);
+                for slot in first..first + count {
+                    let candidate = self.candidate(p, slot);
+                    if candidate.beats(&best) {
+                        best = candidate;
+                        limit = self.limit(best.distance_squared);
+                    }
+                }
+            } else {
+                for entry in self.nodes[child as usize].far_to_near(lo, hi) {
+                    // Written whether it counts or not: a branch here would be mispredicted.
+                    stack[height] = entry;
+                    height += usize::from(distance_of(entry) <= limit);
+                }
+            }
+        }
+        best
+    }
+
+    /// The largest squared distance of a box, as computed in f32, that may hold something within the given squared distance.
+    fn limit(&self, distance_squared: f64) -> f32 {
+        ((distance_squared * self.scale * self.scale) as f32 * ROUNDING).next_up()
+    }
+}
+
+impl Best {
+    #[inline]
+    fn beats(&self, other: &Self) -> bool {
+        self.distance_squared < other.distance_squared
+            || (self.distance_squared == other.distance_squared && self.index < other.index)
+    }
+}
+
+impl Node {
+    const EMPTY: Self = Self {
+        lo: [Vec4::splat(NOWHERE); 3],
+        hi: [Vec4::splat(NOWHERE); 3],
+        children: [LEAF; 4],
+    };
+
+    fn set_bounds(&mut self, k: usize, bounds: Bounds) {
+        for axis in 0..3 {
+            self.lo[axis][k] = bounds.lo[axis];
+            self.hi[axis][k] = bounds.hi[axis];
+        }
+    }
+
+    /// The children as stack entries, the furthest first, for a point between `lo` and `hi`.
+    #[inline]
+    fn far_to_near(&self, lo: [f32; 3], hi: [f32; 3]) -> [u64; 4] {
+        let mut squared = Vec4::ZERO;
+        for axis in 0..3 {
+            let gap = (self.lo[axis] - Vec4::splat(hi[axis]))
+                .max(Vec4::splat(lo[axis]) - self.hi[axis])
+                .max(Vec4::ZERO);
+            squared += gap * gap;
+        }
+        let squared = squared.to_array();
+        let entry = |k: usize| u64::from(squared[k].to_bits()) << 32 | u64::from(self.children[k]);
+        let sort = |a: u64, b: u64| (a.max(b), a.min(b));
+        let (a, b) = sort(entry(0), entry(1));
+        let (c, d) = sort(entry(2), entry(3));
+        let (a, c) = sort(a, c);
+        let (b, d) = sort(b, d);
+        let (b, c) = sort(b, c);
+        [a, b, c, d]
+    }
+}
+
+/// The squared distance in a stack entry.
+#[inline]
+fn distance_of(entry: u64) -> f32 {
+    f32::from_bits((entry >> 32) as u32)
+}
+
+/// The first slot of a leaf and how many it has.
+#[inline]
+fn leaf_range(child: u32) -> (u32, u32) {
+    (
+        (child & !LEAF) >> COUNT_BITS,
+        child & ((1 << COUNT_BITS) - 1),
+    )
+}
+
+/// The reference of a run of leaves.
+fn leaf_reference(first: usize, count: usize) -> u32 {
+    LEAF | (first as u32) << COUNT_BITS | count as u32
+}
+
+/// Lowest and highest coordinates of three points.
+fn bounds_of([a, b, c]: [DVec3; 3]) -> (DVec3, DVec3) {
+    (a.min(b).min(c), a.max(b).max(c))
+}
+
+/// Strictly below `p`, by more than the rounding of `p` itself.
+fn round_down(p: DVec3) -> Vec3A {
+    p.as_vec3a().map(f32::next_down)
+}
+
+/// Strictly above `p`, by more than the rounding of `p` itself.
+fn round_up(p: DVec3) -> Vec3A {
+    p.as_vec3a().map(f32::next_up)
+}
+
+/// A box in the coordinates of the tree.
+#[derive(Clone, Copy)]
+struct Bounds {
+    lo: Vec3A,
+    hi: Vec3A,
+}
+
+impl Bounds {
+    const EMPTY: Self = Self {
+        lo: Vec3A::splat(NOWHERE),
+        hi: Vec3A::splat(-NOWHERE),
+    };
+
+    fn union(self, other: Self) -> Self {
+        Self {
+            lo: self.lo.min(other.lo),
+            hi: self.hi.max(other.hi),
+        }
+    }
+
+    /// Half the surface area.
+    fn half_area(&self) -> f32 {
+        let d = self.hi - self.lo;
+        d.x * d.y + d.y * d.z + d.z * d.x
+    }
+
+    /// Twice the centre.
+    fn center(&self) -> Vec3A {
+        self.lo + self.hi
+    }
+}
+
+/// A triangle during the build.
+#[derive(Clone, Copy)]
+struct Item {
+    bounds: Bounds,
+    index: u32,
+}
+
+/// Appends the tree over `items` and brings them into the order of its leaves; `first` is the slot of the first item.
+fn build(items: &mut [Item], first: usize, level: usize, nodes: &mut Vec<Node>) {
+    let root = nodes.len();
+    nodes.push(Node::EMPTY);
+    let parallel = items.len() > PARALLEL_SIZE;
+    let mut parts = split_in_four(items, first, level);
+    for (k, part) in parts.iter().enumerate() {
+        nodes[root].set_bounds(k, part.bounds());
+    }
+    let subtree = |part: &mut Part, nodes: &mut Vec<Node>| {
+        let child = nodes.len() as u32;
+        if part.items.len() <= LEAF_SIZE {
+            return leaf_reference(part.first, part.items.len());
+        }
+        build(part.items, part.first, level + 1, nodes);
+        child
+    };
+    if parallel {
+        let build_apart = |part: &mut Part| {
+            let mut nodes = Vec::new();
+            (subtree(part, &mut nodes), nodes)
+        };
+        let subtrees: Vec<_> = parts.par_iter_mut().map(build_apart).collect();
+        for (k, (child, subtree)) in subtrees.into_iter().enumerate() {
+            nodes[root].children[k] = moved(child, nodes.len());
+            append(nodes, subtree);
+        }
+    } else {
+        for (k, part) in parts.iter_mut().enumerate() {
+            nodes[root].children[k] = subtree(part, nodes);
+        }
+    }
+}
+
+/// A run of items that becomes a child.
+struct Part<'a> {
+    items: &'a mut [Item],
+    first: usize,
+}
+
+impl Part<'_> {
+    fn bounds(&self) -> Bounds {
+        self.items
+            .iter()
+            .fold(Bounds::EMPTY, |sum, item| sum.union(item.bounds))
+    }
+}
+
+/// Up to four runs of the reordered items, by splitting the largest run again and again while it is too large for a leaf.
+fn split_in_four(items: &mut [Item], first: usize, level: usize) -> Vec<Part<'_>> {
+    let mut parts = vec![Part { items, first }];
+    while parts.len() < 4 {
+        let largest = (0..parts.len()).max_by_key(|&k| parts[k].items.len());
+        let Some(k) = largest.filter(|&k| parts[k].items.len() > LEAF_SIZE) else {
+            break;
+        };
+        let Part { items, first } = parts.swap_remove(k);
+        let middle = split(items, level < HEURISTIC_LEVELS);
+        let (left, right) = items.split_at_mut(middle);
+        parts.push(Part { items: left, first });
+        parts.push(Part {
+            items: right,
+            first: first + middle,
+        });
+    }
+    parts
+}
+
+/// Adds a subtree at the end, its references moved along.
+fn append(nodes: &mut Vec<Node>, subtree: Vec<Node>) {
+    let start = nodes.len();
+    nodes.extend(subtree.into_iter().map(|mut node| {
+        node.children = node.children.map(|child| moved(child, start));
+        node
+    }));
+}
+
+/// A child's reference after its nodes have moved up by `offset`.
+fn moved(child: u32, offset: usize) -> u32 {
+    if child & LEAF == 0 {
+        child + offset as u32
+    } else {
+        child
+    }
+}
+
+/// Reorders at least two items into two non-empty runs; returns the length of the first.
+fn split(items: &mut [Item], by_heuristic: bool) -> usize {
+    let (lo, hi) = items
+        .iter()
+        .map(|item| item.bounds.center())
+        .fold((Vec3A::splat(4.0), Vec3A::splat(-4.0)), |(lo, hi), c| {
+            (lo.min(c), hi.max(c))
+        });
+    let extent = hi - lo;
+    let axis = usize::from(extent.y > extent.x);
+    let axis = if extent.z > extent[axis] { 2 } else { axis };
+    if by_heuristic && items.len() > FEW && extent[axis] > 0.0 {
+        let bins = Binning {
+            axis,
+            lo: lo[axis],
+            // Just under the number of bins, so that the highest centre falls into the last one.
+            per_unit: BINS as f32 * (1.0 - f32::EPSILON) / extent[axis],
+        };
+        let cut = bins.cheapest_cut(items);
+        partition(items, |item| bins.of(item) < cut)
+    } else {
+        let middle = items.len() / 2;
+        items.select_nth_unstable_by(middle, |a, b| {
+            a.bounds.center()[axis]
+                .total_cmp(&b.bounds.center()[axis])
+                .then(a.index.cmp(&b.index))
+        });
+        middle
+    }
+}
+
+/// Equal slabs between the lowest and the highest centre along one axis.
+struct Binning {
+    axis: usize,
+    lo: f32,
+    per_unit: f32,
+}
+
+impl Binning {
+    fn of(&self, item: &Item) -> usize {
+        (((item.bounds.center()[self.axis] - self.lo) * self.per_unit) as usize).min(BINS - 1)
+    }
+
+    /// The bin before which to cut so that the sum of area times count over both sides is least. The first and the last bin are never
+    /// empty, so neither side is.
+    fn cheapest_cut(&self, items: &[Item]) -> usize {
+        let mut bins = [(Bounds::EMPTY, 0u32); BINS];
+        for item in items {
+            let bin = &mut bins[self.of(item)];
+            *bin = (bin.0.union(item.bounds), bin.1 + 1);
+        }
+        let grow = |side: &mut (Bounds, u32), bin: &(Bounds, u32)| {
+            *side = (side.0.union(bin.0), side.1 + bin.1);
+            side.0.half_area() * side.1 as f32
+        };
+        let mut above = [0.0; BINS];
+        let mut side = (Bounds::EMPTY, 0);
+        for cut in (1..BINS).rev() {
+            above[cut] = grow(&mut side, &bins[cut]);
+        }
+        let mut side = (Bounds::EMPTY, 0);
+        let mut best = (f32::INFINITY, 1);
+        for cut in 1..BINS {
+            let cost = grow(&mut side, &bins[cut - 1]) + above[cut];
+            if cost < best.0 {
+                best = (cost, cut);
+            }
+        }
+        best.1
+    }
+}
+
+/// Moves the items that satisfy `is_first` to the front; returns their number.
+fn partition(items: &mut [Item], is_first: impl Fn(&Item) -> bool) -> usize {
+    let mut count = 0;
+    for k in 0..items.len() {
+        if is_first(&items[k]) {
+            items.swap(k, count);
+            count += 1;
+        }
+    }
+    count
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Numbers in −1..1 from a fixed sequence.
+    fn noise(count: usize, seed: u64) -> Vec<f64> {
+        let mut state = seed.wrapping_mul(2).wrapping_add(1);
+        (0..count)
+            .map(|_| {
+                state = state
+                    .wrapping_mul(6_364_136_223_846_793_005)
+                    .wrapping_add(1);
+                (state >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+            })
+            .collect()
+    }
+
+    fn points(count: usize, seed: u64) -> Vec<DVec3> {
+        noise(3 * count, seed)
+            .chunks(3)
+            .map(DVec3::from_slice)
+            .collect()
+    }
+
+    fn brute_force(positions: &[DVec3], triangles: &[[u32; 3]], p: DVec3) -> (f64, u32) {
+        triangles
+            .iter()
+            .map(|t| {
+                Triangle::new(t.map(|v| positions[v as usize]))
+                    .nearest(p)
+                    .distance_squared
+            })
+            .zip(0..)
+            .min_by(|a, b| a.0.total_cmp(&b.0))
+            .expect("not empty")
+    }
+
+    /// Every way to ask gives the answer of a search through all triangles, to the bit.
+    fn check(positions: &[DVec3], triangles: &[[u32; 3]], queries: &[DVec3]) {
+        let bvh = Bvh::new(positions, triangles).expect("triangles");
+        assert_covers(&bvh, positions, triangles);
+        let all = bvh.closest_all(queries);
+        for (&p, together) in queries.iter().zip(&all) {
+            let alone = bvh.closest(p);
+            let (distance_squared, triangle) = brute_force(positions, triangles, p);
+            assert_eq!(alone.distance_squared, distance_squared);
+            assert_eq!(alone.triangle, triangle);
+            assert_eq!(alone, *together);
+            let distance = distance_squared.sqrt();
+            assert_eq!(bvh.closest_within(p, distance * (1.0 + 1e-15)), Some(alone));
+            if distance > 0.0 {
+                assert_eq!(bvh.closest_within(p, distance * (1.0 - 1e-15)), None);
+            }
+        }
+    }
+
+    /// Every triangle is in one leaf, and inside the boxes above it.
+    fn assert_covers(bvh: &Bvh, positions: &[DVec3], triangles: &[[u32; 3]]) {
+        let mut seen = vec![0; triangles.len()];
+        let everything = (DVec3::NEG_INFINITY, DVec3::INFINITY);
+        let mut stack = vec![(0u32, everything)];
+        while let Some((child, (lo, hi))) = stack.pop() {
+            if child & LEAF != 0 {
+                let (first, count) = leaf_range(child);
+                for leaf in &bvh.leaves[first as usize..(first + count) as usize] {
+                    seen[leaf.index as usize] += 1;
+                    for v in triangles[leaf.index as usize] {
+                        let p = (positions[v as usize] - bvh.center) * bvh.scale;
+                        assert!(p.cmpgt(lo).all() && p.cmplt(hi).all());
+                    }
+                }
+                continue;
+            }
+            let node = &bvh.nodes[child as usize];
+            for k in 0..4 {
+                let corner = |b: &[Vec4; 3]| DVec3::from(b.map(|c| f64::from(c[k])));
+                let bounds = (lo.max(corner(&node.lo)), hi.min(corner(&node.hi)));
+                stack.push((node.children[k], bounds));
+            }
+        }
+        assert!(seen.iter().all(|&n| n == 1));
+    }
+
+    /// Triangles of size `size` anywhere in the cube.
+    fn soup(count: usize, size: f64) -> (Vec<DVec3>, Vec<[u32; 3]>) {
+        let centers = points(count, 1);
+        let positions = points(3 * count, 2)
+            .iter()
+            .enumerate()
+            .map(|(i, &p)| centers[i / 3] + size * p)
+            .collect();
+        let triangles = (0..count as u32)
+            .map(|t| [3 * t, 3 * t + 1, 3 * t + 2])
+            .collect();
+        (positions, triangles)
+    }
+
+    #[test]
+    fn no_triangle_is_refused() {
+        assert!(Bvh::new(&[DVec3::ZERO], &[]).is_err());
+    }
+
+    #[test]
+    fn one_triangle_one_point_and_many_copies() {
+        let positions = [DVec3::ZERO, DVec3::X, DVec3::Y];
+        check(&positions, &[[0, 1, 2]], &points(50, 3));
+        check(&positions, &[[1, 1, 1]], &points(50, 4));
+        check(&positions, &[[0, 1, 2]; 100], &points(50, 5));
+        check(&positions, &[[2, 2, 2]; 1000], &points(50, 6));
+    }
+
+    #[test]
+    fn slivers_points_segments_and_duplicates_in_a_soup() {
+        let (mut positions, mut triangles) = soup(400, 0.1);
+        for (k, t) in triangles.clone().iter().enumerate() {
+            let [a, b, c] = t.map(|v| v as usize);
+            match k % 4 {
+                0 => positions[c] = positions[a].lerp(positions[b], 0.4) + 1e-9 * positions[c],
+                1 => positions[b] = positions[a],
+                2 => triangles.push([t[0]; 3]),
+                _ => triangles.push(*t),
+            }
+        }
+        let mut queries = points(300, 7);
+        // On the triangles, on their corners, and far away.
+        queries.extend(triangles.iter().map(|t| {
+            t.iter()
+                .map(|&v| positions[v as usize] / 3.0)
+                .sum::<DVec3>()
+        }));
+        queries.extend_from_slice(&positions[..100]);
+        queries.extend(points(20, 8).iter().map(|p| 1e9 * p));
+        check(&positions, &triangles, &queries);
+    }
+
+    #[test]
+    fn far_from_the_origin_and_at_any_scale() {
+        let (positions, triangles) = soup(300, 0.05);
+        let queries = points(100, 9);
+        for (scale, shift) in [(1e-12, 0.0), (1e12, 0.0), (1.0, 5e6), (1e-3, 5e6)] {
+            let place = |points: &[DVec3]| -> Vec<DVec3> {
+                points
+                    .iter()
+                    .map(|p| scale * p + DVec3::splat(shift))
+                    .collect()
+            };
+            check(&place(&positions), &triangles, &place(&queries));
+        }
+    }
+
+    #[test]
+    fn triangles_in_a_row_that_shrink_without_end_do_not_deepen_the_tree() {
+        let positions: Vec<_> = (0..900).map(|i| DVec3::X * 0.5f64.powi(i)).collect();
+        let triangles: Vec<_> = (0..898u32).map(|t| [t, t + 1, t + 2]).collect();
+        check(&positions, &triangles, &points(30, 10));
+    }
+
+    #[test]
+    fn any_number_of_threads_gives_the_same_bits() {
+        let (positions, triangles) = soup(20_000, 0.02);
+        let queries = points(5000, 11);
+        let run = |threads| {
+            rayon::ThreadPoolBuilder::new()
+                .num_threads(threads)
+                .build()
+                .expect("a thread pool")
+                .install(|| {
+                    let bvh = Bvh::new(&positions, &triangles).expect("triangles");
+                    let order: Vec<_> = bvh.leaves.iter().map(|leaf| leaf.index).collect();
+                    (
+                        bytemuck::cast_slice::<_, u32>(&bvh.nodes).to_vec(),
+                        order,
+                        bvh.closest_all(&queries),
+                    )
+                })
+        };
+        assert!(run(1) == run(3));
+    }
+}

@@ -1,0 +1,11 @@
+//! Scalar geometry in f64: triangles, clipped cells, and the trees that find what is near. Knows no GPU.
+
+pub mod bvh;
+pub mod clip;
+pub mod eigen;
+pub mod morton;
+pub mod random;
+pub mod triangle;
+pub mod triangle_tree;
+
+pub use bvh::{Bvh, ClosestPoint};

@@ -1,0 +1,288 @@
+//! The JSON report of a run, schema [`SCHEMA`].
+//!
+//! Stable: keys are added, never renamed, and a key that does not apply is absent. Lengths are in the input's units; keys in `_percent` are
+//! in percent of the diagonal of the target's bounding box (for `compare`, of A's).
+
+mod error;
+mod settings;
+
+pub use error::{Directed, ErrorReport, Figures, OverHoles};
+pub use settings::Settings;
+
+use crate::benchmark::Row;
+use crate::device::{Adapter, Device};
+use crate::error::{Error, Result};
+use crate::files::write_whole;
+use crate::fit::{Iteration, StopReason};
+use serde::ser::SerializeMap;
+use serde::{Deserialize, Serialize, Serializer};
+use std::path::Path;
+use std::time::Instant;
+
+/// What a report declares itself to be.
+pub const SCHEMA: &str = "vorofit.report/1";
+
+/// Everything that a run can say about itself; commands fill in what they have.
+#[derive(Debug, Serialize)]
+pub struct Report {
+    /// Always [`SCHEMA`].
+    pub schema: &'static str,
+    /// The command: "fit", "compare" and so on.
+    pub command: &'static str,
+    /// The program's version.
+    pub version: &'static str,
+    /// Where the kernels ran.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub device: Option<DeviceReport>,
+    /// What was asked for, defaults included.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub settings: Option<Settings>,
+    /// The surface that was fitted to or, for `compare`, A.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub target: Option<TargetReport>,
+    /// The size of the result or, for `compare`, of B.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub result: Option<ResultReport>,
+    /// How far they are apart.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub error: Option<ErrorReport>,
+    /// Every iteration of a fit.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub iterations: Option<Vec<Iteration>>,
+    /// Whether a fit met the asked tolerance or, where none was asked, ran to its end.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub converged: Option<bool>,
+    /// Why a fit ended.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub stop_reason: Option<StopReason>,
+    /// The adapters of the machine (`devices`).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub adapters: Option<Vec<Adapter>>,
+    /// The kernels' times (`bench`).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub kernels: Option<Vec<Row>>,
+    /// How long it took.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub timing: Option<Timing>,
+}
+
+impl Report {
+    /// A report of a command that says nothing else yet.
+    pub fn new(command: &'static str) -> Self {
+        Self {
+            schema: SCHEMA,
+            command,
+            version: env!("CARGO_PKG_VERSION"),
+            device: None,
+            settings: None,
+            target: None,
+            result: None,
+            error: None,
+            iterations: None,
+            converged: None,
+            stop_reason: None,
+            adapters: None,
+            kernels: None,
+            timing: None,
+        }
+    }
+
+    /// As JSON, indented, with a line break at the end.
+    ///
+    /// # Errors
+    /// None in practice: every key is a string and every number finite or written as null.
+    pub fn to_json(&self) -> Result<String> {
+        let mut text = serde_json::to_string_pretty(self)
+            .map_err(|e| Error::input(format!("the report: {e}"), "report this as a defect"))?;
+        text.push('\n');
+        Ok(text)
+    }
+
+    /// Writes the JSON into a file, whole or not at all.
+    ///
+    /// # Errors
+    /// Where the file cannot be written.
+    pub fn write(&self, path: &Path) -> Result<()> {
+        let text = self.to_json()?;
+        write_whole(path, |out| out.write_all(text.as_bytes()))
+    }
+}
+
+/// Where the kernels ran.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct DeviceReport {
+    /// "cpu", or the sort of adapter: "discrete", "integrated", "virtual", "software", "other".
+    pub kind: String,
+    /// As the driver calls it; for the CPU its threads.
+    pub name: String,
+    /// Vulkan, Metal or DX12.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub backend: Option<String>,
+    /// The driver and its version.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub driver: Option<String>,
+}
+
+impl DeviceReport {
+    /// The description of a device.
+    pub fn of(device: &Device) -> Self {
+        match device {
+            Device::Cpu => Self {
+                kind: "cpu".into(),
+                name: match rayon::current_num_threads() {
+                    1 => "1 thread".into(),
+                    threads => format!("{threads} threads"),
+                },
+                backend: None,
+                driver: None,
+            },
+            Device::Gpu(gpu) => Self::of_adapter(gpu.adapter()),
+        }
+    }
+
+    /// The description of an adapter.
+    pub fn of_adapter(adapter: &Adapter) -> Self {
+        Self {
+            kind: adapter.kind.to_string(),
+            name: adapter.name.clone(),
+            backend: Some(adapter.backend.clone()),
+            driver: Some(adapter.driver.clone()),
+        }
+    }
+}
+
+impl std::fmt::Display for DeviceReport {
+    /// In one line: "the CPU (2 threads)", "llvmpipe (software, Vulkan, Mesa 22.3.6)".
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        if self.kind == "cpu" {
+            return write!(f, "the CPU ({})", self.name);
+        }
+        write!(f, "{} ({}", self.name, self.kind)?;
+        for part in [&self.backend, &self.driver].into_iter().flatten() {
+            write!(f, ", {part}")?;
+        }
+        write!(f, ")")
+    }
+}
+
+/// The size of the target.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct TargetReport {
+    /// Vertices, referenced or not.
+    pub vertices: usize,
+    /// Faces as they are in the file.
+    pub faces: usize,
+    /// The diagonal of its bounding box: what percentages refer to.
+    pub bbox_diagonal: f64,
+}
+
+/// The size of the result.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct ResultReport {
+    /// Control points.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub control_points: Option<usize>,
+    /// Faces of the control mesh.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub control_faces: Option<usize>,
+    /// Vertices of the dense surface.
+    pub surface_vertices: usize,
+    /// Faces of the dense surface.
+    pub surface_faces: usize,
+}
+
+/// Seconds by stage.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Timing {
+    /// From the start of the command to its report.
+    pub total_s: f64,
+    /// In the order that they ran, as an object; stages of one name are added.
+    #[serde(serialize_with = "as_object")]
+    pub stages: Vec<(String, f64)>,
+}
+
+fn as_object<S: Serializer>(stages: &[(String, f64)], serializer: S) -> Result<S::Ok, S::Error> {
+    let mut map = serializer.serialize_map(Some(stages.len()))?;
+    for (name, seconds) in stages {
+        map.serialize_entry(name, seconds)?;
+    }
+    map.end()
+}
+
+/// Measures the stages of a command.
+#[derive(Debug)]
+pub struct Stopwatch {
+    started: Instant,
+    stage: Instant,
+    stages: Vec<(String, f64)>,
+}
+
+impl Stopwatch {
+    /// Starts the first stage.
+    pub fn start() -> Self {
+        let now = Instant::now();
+        Self {
+            started: now,
+            stage: now,
+            stages: Vec::new(),
+        }
+    }
+
+    /// Ends a stage and starts the next one.
+    pub fn lap(&mut self, name: &str) {
+        self.laps([(name.into(), self.stage.elapsed().as_secs_f64())]);
+    }
+
+    /// Ends some stages that have been measured elsewhere, and starts the next one.
+    pub fn laps(&mut self, stages: impl IntoIterator<Item = (String, f64)>) {
+        for (name, seconds) in stages {
+            match self.stages.iter_mut().find(|(known, _)| *known == name) {
+                Some((_, sum)) => *sum += seconds,
+                None => self.stages.push((name, seconds)),
+            }
+        }
+        self.stage = Instant::now();
+    }
+
+    /// What has been measured until now.
+    pub fn timing(&self) -> Timing {
+        Timing {
+            total_s: self.started.elapsed().as_secs_f64(),
+            stages: self.stages.clone(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn absent_keys_are_absent_and_stages_keep_their_order() {
+        let mut stopwatch = Stopwatch::start();
+        stopwatch.lap("write");
+        stopwatch.laps([
+            ("polish".into(), 1.5),
+            ("read".into(), 2.0),
+            ("polish".into(), 0.5),
+        ]);
+        let mut report = Report::new("fit");
+        report.timing = Some(stopwatch.timing());
+        report.device = Some(DeviceReport::of(&Device::Cpu));
+        let text = report.to_json().unwrap();
+        let json: serde_json::Value = serde_json::from_str(&text).unwrap();
+        let keys: Vec<_> = json
+            .as_object()
+            .unwrap()
+            .keys()
+            .map(String::as_str)
+            .collect();
+        assert_eq!(keys, ["command", "device", "schema", "timing", "version"]);
+        assert!(json["device"].get("backend").is_none());
+        assert_eq!(json["timing"]["stages"]["polish"], 2.0);
+        let place = |stage: &str| text.find(stage).unwrap();
+        assert!(
+            place("\"write\"") < place("\"polish\"") && place("\"polish\"") < place("\"read\"")
+        );
+    }
+}

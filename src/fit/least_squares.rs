@@ -4,8 +4,8 @@
 //! triangle of S, plus λ_n and λ_t times the mean square of the normal and tangential part of L M P,
 //! and a little of L² P. Its matrix has one
 //! 3×3 block for each pair of control points that share a patch. It is assembled patch by patch (a patch is what one
-//! control face becomes): first on the patch's vertices, then by their few rows of M, which costs a tenth of adding up
-//! outer products of footpoints. Conjugate gradients with 3×3 block-Jacobi preconditioning solve it.
+//! control face becomes): first on the patch's vertices, then by their few rows of M, which takes far fewer
+//! operations than adding up outer products of footpoints. Conjugate gradients with 3×3 block-Jacobi preconditioning solve it.
 
 use crate::energy::Smoothness;
 use crate::kernel::sparse::Csr;
@@ -72,10 +72,10 @@ struct Patch {
     /// The control points that its vertices depend on, ascending.
     support: Vec<u32>,
     /// Its triangles, as local vertices; the first has this index.
-    triangles: Vec<[u16; 3]>,
+    triangles: Vec<[u32; 3]>,
     first_triangle: u32,
     /// The rows of M of its vertices, over local control points.
-    rows: Vec<Vec<(u16, f64)>>,
+    rows: Vec<Vec<(u32, f64)>>,
     /// The rows of L M of the vertices that it owns, and of L² on the control mesh.
     smooth: Vec<SmoothRow>,
     /// The place of each pair of the support in the block pattern.
@@ -89,7 +89,7 @@ struct SmoothRow {
     /// Its weight against a row of L M.
     share: f64,
     /// Over local control points.
-    entries: Vec<(u16, f64)>,
+    entries: Vec<(u32, f64)>,
 }
 
 /// A symmetric matrix of 3×3 blocks and a right-hand side.
@@ -269,8 +269,8 @@ impl Patch {
             .collect();
         support.sort_unstable();
         support.dedup();
-        let local = |list: &[u32], x: u32| list.binary_search(&x).expect("listed above") as u16;
-        let row = |entries: &mut dyn Iterator<Item = (u32, f64)>| -> Vec<(u16, f64)> {
+        let local = |list: &[u32], x: u32| list.binary_search(&x).expect("listed above") as u32;
+        let row = |entries: &mut dyn Iterator<Item = (u32, f64)>| -> Vec<(u32, f64)> {
             entries.map(|(c, v)| (local(&support, c), v)).collect()
         };
         Self {

@@ -16,7 +16,7 @@ use glam::DVec3;
 /// Triangles of the decimated copy: enough for far and middle distances, where cells are larger than its detail.
 const DECIMATED: usize = 20_000;
 
-/// Lloyd steps that even out random samples. After six the energy is within 3 % of its limit.
+/// Lloyd steps that even out random samples. Even enough: one a vertex is only a sampling, and the polish does not use them.
 const LLOYD_STEPS: usize = 6;
 
 /// Triangles longer than this many cells are split, so that a triangle has few candidate seeds.

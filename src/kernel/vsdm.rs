@@ -26,7 +26,7 @@ use rayon::prelude::*;
 /// The slack of kept candidates, in units of the last step.
 const SLACK_STEPS: f64 = 4.0;
 
-/// The largest slack, in units of the cell size √(A / n). At a tenth the lists grow by a fifth.
+/// The largest slack, in units of the cell size √(A / n). At a tenth the lists grow by 3 to 9 %.
 const MAX_SLACK: f64 = 0.1;
 
 /// The fixed side of a fit: triangles of T in spatial order, and the samples Y on it with their normals.

@@ -1,6 +1,6 @@
 //! The Voronoi terms on the CPU: milliseconds (best of many) of F_T→S and its gradient on the bunny, candidates and clip anew each
-//! time, beside 0.7 of geogram's on one thread; and how the cost and memory of a whole evaluation grow with the size of target and
-//! model.
+//! time, beside 0.7 of geogram's on one thread; the same of both terms for surfaces fitted to it; and how the cost and memory of a
+//! whole evaluation grow with the size of target and model.
 //!
 //! `RAYON_NUM_THREADS=1 cargo bench --bench voronoi`
 
@@ -11,16 +11,23 @@ use std::time::Instant;
 use vorofit::device::Device;
 use vorofit::error::Result;
 use vorofit::files::read_surface;
+use vorofit::fit::{Options, Start, Target, Template, fit};
 use vorofit::geometry::triangle_tree::{TriangleTree, spatial_order};
 use vorofit::kernel::candidates::Candidates;
+use vorofit::kernel::differentiated_voronoi;
 use vorofit::kernel::restricted_voronoi::{self, Metric};
 use vorofit::kernel::sparse::Csr;
 use vorofit::kernel::vsdm::{FixedSide, MovingSide, Vsdm};
 use vorofit::mesh::sample::sample_by_area;
 use vorofit::mesh::{TriangleMesh, shapes};
+use vorofit::model::Model;
+use vorofit::progress::Silent;
 
 /// Seeds, and 0.7 of what geogram takes for them on one thread, in milliseconds.
 const ROWS: [(usize, f64); 3] = [(1_000, 15.8), (5_000, 30.4), (20_000, 75.0)];
+
+/// Control points of the fit whose surface has about as many vertices on levels 1 to 3.
+const CONTROL_POINTS: usize = 314;
 
 /// Steps that even seeds out.
 const LLOYD_STEPS: usize = 4;
@@ -32,7 +39,9 @@ fn main() -> Result<()> {
     );
     let path = data.join("surfaces/stanford-bunny.obj");
     if path.exists() {
-        on_a_scan(&read_surface(&path)?.mesh.triangulate());
+        let mesh = read_surface(&path)?.mesh.triangulate();
+        on_a_scan(&mesh);
+        both_terms(&mesh)?;
     } else {
         println!("skipped: there is no {}", path.display());
     }
@@ -105,6 +114,63 @@ fn evened_out(triangles: &[[DVec3; 3]], tree: &TriangleTree, mut seeds: Vec<DVec
         }
     }
     seeds
+}
+
+/// Each term alone and both together, for the surface of a fit evaluated on several levels, with as many samples as it has vertices.
+fn both_terms(mesh: &TriangleMesh) -> Result<()> {
+    let target = Target::new(&Device::Cpu, mesh)?;
+    let options = Options::default();
+    let template = Template::BoundingBox {
+        control_points: CONTROL_POINTS,
+    };
+    let start = Start::new(&target, &template, options.scheme)?;
+    let control = fit(&Device::Cpu, &target, start, &options, &Silent)?.control;
+    let triangles = in_spatial_order(&target.mesh);
+    let tree = TriangleTree::new(&triangles);
+    println!(
+        "\n{:>8} {:>9} {:>2} {:>6} {:>6} {:>6} {:>10} {:>14}",
+        "vertices", "triangles", "s", "T→S", "S→T", "both", "both / T→S", "pairs/triangle"
+    );
+    for levels in 1..=3 {
+        let model = Model::new(&control, options.scheme, levels, true)?;
+        let surface = model.surface(&control.mesh.positions).triangulate();
+        let x = &surface.positions;
+        let on_surface = in_spatial_order(&surface);
+        let mut surface_tree = TriangleTree::new(&on_surface);
+        let random = sample_by_area(&target.mesh, x.len(), 0)
+            .iter()
+            .map(|s| s.position(target.mesh.corners(s.triangle as usize)))
+            .collect();
+        let closest = target.closest(&evened_out(&triangles, &tree, random))?;
+        let y: Vec<DVec3> = closest.iter().map(|c| c.point).collect();
+        let normals: Vec<DVec3> = closest.iter().map(|c| c.normal).collect();
+        let pairs = Candidates::find(&surface_tree, &on_surface, &y, 0.0)
+            .seeds
+            .len();
+        for s in [1.0, 5.0] {
+            let metric = Metric::anisotropic(s);
+            let to_surface = || {
+                let candidates = Candidates::find(&tree, &triangles, x, 0.0);
+                restricted_voronoi::cpu(&triangles, x, &candidates, metric)
+            };
+            let mut to_target = || {
+                surface_tree.refit(&on_surface);
+                let candidates = Candidates::find(&surface_tree, &on_surface, &y, 0.0);
+                differentiated_voronoi::cpu(&on_surface, &y, &normals, &candidates, metric)
+            };
+            let one = best(40, to_surface);
+            let other = best(40, &mut to_target);
+            let both = best(40, || rayon::join(to_surface, &mut to_target));
+            println!(
+                "{:8} {:9} {s:2} {one:6.2} {other:6.2} {both:6.2} {:10.2} {:14.3}",
+                x.len(),
+                on_surface.len(),
+                both / one,
+                pairs as f64 / on_surface.len() as f64
+            );
+        }
+    }
+    Ok(())
 }
 
 /// Both terms for spheres of 10³ to 10⁶ triangles. A surface of a quarter as many triangles and its samples grow with the target;

@@ -17,8 +17,9 @@ fn sparse_product(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgro
     if row >= params.rows {
         return;
     }
+    let end = offsets[row + 1u];
     var total = vec4f(0.0);
-    for (var k = offsets[row]; k < offsets[row + 1u]; k++) {
+    for (var k = offsets[row]; k < end; k++) {
         total += values[k] * points[columns[k]];
     }
     products[row] = total;

@@ -1,4 +1,4 @@
-//! vorofit fits subdivision and polygon surfaces to 3D scans by Voronoi squared distance minimization.
+//! vorofit fits subdivision surfaces, and volume meshes of curved high-order elements, to 3D scans.
 //!
 //! **What a fit is.** A *model*, control points P with a constant sparse matrix M to the vertices X = M P of a fine mesh S, is
 //! deformed until S and the *target* T agree, by minimizing a sum of energies over P. Gradients come back as Mᵀ.
@@ -6,7 +6,9 @@
 //! **The path of the data.** A file becomes a mesh that is checked at the door ([`files`], [`mesh::check`]); the target goes to the
 //! unit frame, diagonal 1 about the origin, in f64 ([`fit::Target`]); a template says where the model starts ([`fit::Start`]); L-BFGS on the
 //! host asks for value and gradient, which kernels on the CPU or a GPU compute ([`kernel::vsdm`]); between phases the control mesh is
-//! subdivided; least squares finish; results go back to the input's frame, into files and a [`report`].
+//! subdivided; least squares finish; results go back to the input's frame, into files and a [`report`]. Two more recipes go the same way:
+//! [`fit::geometric`] follows closest points on the exact limit surface ([`model::limit_surface`]) and adds control points where a tolerance
+//! asks for them; [`fit::fit_volume`] deforms curved elements ([`model::volume`]) until their boundary is the target.
 //!
 //! ```no_run
 //! use vorofit::device::Device;
@@ -38,9 +40,9 @@
 //! | [`fit`] | the recipes |
 //! | [`template`], [`demo`] | where a model starts; the built-in scan |
 //! | [`energy`], [`measure`] | terms on the host; distances, by code that no fit uses |
-//! | [`model`] | P → X = M P: polygon, Catmull–Clark, Loop |
+//! | [`model`] | P → X = M P: polygon, Catmull–Clark, Loop; their limit surfaces; curved elements |
 //! | [`optimize`] | L-BFGS, which knows nothing but a closure |
-//! | [`topology`] | edits of connectivity |
+//! | [`topology`] | edits of connectivity: simplification, splits, flips, cuts |
 //! | [`kernel`] | the heavy operations and their twins |
 //! | [`device`] | the only place that names wgpu |
 //! | [`files`] | one file a format |

@@ -9,7 +9,7 @@ use vorofit::files::{SurfaceToWrite, read_surface, surface_from_bytes, write_sur
 use vorofit::mesh::check::{self, Census};
 use vorofit::mesh::{ControlMesh, Crease, PolygonMesh, Scheme};
 
-const READ_FORMATS: [&str; 4] = ["obj", "ply", "stl", "off"];
+const READ_FORMATS: [&str; 5] = ["obj", "ply", "stl", "off", "usda"];
 
 /// A file of the public scans, which are no part of the repository; `None` is reported.
 fn scan(name: &str) -> Option<PathBuf> {
@@ -160,7 +160,8 @@ fn a_refusal_is_one_line_that_names_the_file() {
         ),
         ("a.obj", one_point, "bounding box"),
         ("a.off", "OFF 3 1 0\n0 0 0\n", "truncated"),
-        ("a.usda", "#usda 1.0", "not read"),
+        ("a.usda", "#usda 1.0", "no Mesh"),
+        ("a.glb", "glTF", "not read"),
         ("a.xyz", "0 0 0", "use .obj"),
     ];
     for (name, content, part) in cases {
@@ -195,12 +196,17 @@ fn valid_files() -> Vec<(&'static str, Vec<u8>)> {
                  property list int int vertex_indices\nend_header\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n4 0 1 2 3\n5 0 1 2 -1 3\n";
     let stl = "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\n\
                endfacet\nendsolid a\n";
-    let obj = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nf 1/1 -2/1 \\\n3/1\nl 1 2\n";
+    let obj = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nf 1/1 -2/1 \\\n3/1\nl 1 2\nt crease 2/1/0 0 1 2.5\nt corner 1/1/0 2 10\n";
+    let usda = "#usda 1.0\n(\n)\ndef Xform \"x\" (\n)\n{\ndef Mesh \"m\" {\nint[] faceVertexCounts = [3]\n\
+                int[] faceVertexIndices = [0, 1, 2]\npoint3f[] points = [(0, 0, 0), (1, 0, 0), (0, 1, 0)]\n\
+                int[] creaseIndices = [0, 1, 2]\nint[] creaseLengths = [3]\nfloat[] creaseSharpnesses = [1]\n\
+                int[] cornerIndices = [2]\nfloat[] cornerSharpnesses = [10]\nstring a = '''b''' (doc = \"c\")\n}\n}\n";
     files.extend([
         ("ply", ascii.into()),
         ("ply", ascii.replace('\n', "\r\n").into()),
         ("stl", stl.into()),
         ("obj", obj.into()),
+        ("usda", usda.into()),
         (
             "off",
             "COFF\n3 1 0\n0 0 0 1 1 1 1\n1 0 0 1 1 1 1\n0 1 0 1 1 1 1 # c\n3 0 1 2\n".into(),
@@ -234,7 +240,7 @@ proptest! {
     #[test]
     fn arbitrary_bytes_never_panic(
         extension in prop::sample::select(&READ_FORMATS[..]),
-        start in prop::sample::select(vec!["", "ply\nformat ascii 1.0\n", "OFF\n", "solid \n", "v 0 0 0\nf "]),
+        start in prop::sample::select(vec!["", "ply\nformat ascii 1.0\n", "OFF\n", "solid \n", "v 0 0 0\nf ", "#usda 1.0\ndef Mesh \"m\" {\n"]),
         bytes in prop::collection::vec(any::<u8>(), 0..400),
     ) {
         read_anything(extension, &[start.as_bytes(), &bytes].concat())?;

@@ -10,6 +10,8 @@ use crate::kernel::Kernel;
 use crate::kernel::candidates::CandidateSeeds;
 use crate::kernel::closest_point::ClosestPointTwins;
 use crate::kernel::differentiated_voronoi::DifferentiatedVoronoi;
+use crate::kernel::element_energy::ElementEnergyTwins;
+use crate::kernel::limit_surface::LimitSurfaceTwins;
 use crate::kernel::restricted_voronoi::RestrictedVoronoi;
 use crate::kernel::sparse::SparseProduct;
 use crate::kernel::sum::Sum;
@@ -60,9 +62,11 @@ pub const MEASUREMENTS: &[Measurement] = &[
     |bench, size| bench.kernel::<Sum>(size, &samples::sums(size)),
     |bench, size| bench.kernel::<SparseProduct>(size, &samples::product(size)),
     |bench, size| bench.kernel::<ClosestPointTwins>(size, &samples::closest(size)),
+    |bench, size| bench.kernel::<LimitSurfaceTwins>(size, &samples::limit(size)),
     |bench, size| bench.kernel::<CandidateSeeds>(size, &samples::candidates(size)),
     |bench, size| bench.kernel::<RestrictedVoronoi>(size, &samples::restricted(size)),
     |bench, size| bench.kernel::<DifferentiatedVoronoi>(size, &samples::differentiated(size)),
+    |bench, size| bench.kernel::<ElementEnergyTwins>(size, &samples::elements(size)?),
     Bench::evaluation,
 ];
 

@@ -1,16 +1,26 @@
 //! Generated inputs of every kernel, the same on every machine.
 
+use crate::energy::element_tables;
+use crate::error::Result;
+use crate::geometry::distortion::Distortion;
 use crate::geometry::triangle_tree::{TriangleTree, spatial_order};
 use crate::kernel::candidates::{CandidateInput, Candidates};
 use crate::kernel::closest_point::ClosestInput;
 use crate::kernel::differentiated_voronoi::DifferentiatedInput;
+use crate::kernel::element_energy::{ElementBatch, ElementInput};
+use crate::kernel::limit_surface::{LimitInput, LimitQuery};
 use crate::kernel::restricted_voronoi::{Metric, RestrictedInput};
 use crate::kernel::sparse::{Csr, SparseInput};
 use crate::kernel::sum::{Segments, SumInput};
 use crate::kernel::vsdm::{FixedSide, MovingSide};
-use crate::mesh::TriangleMesh;
+use crate::mesh::{CellShape, ControlMesh, PolygonMesh, Scheme, TriangleMesh};
+use crate::model::element::{
+    Basis, Rule, corners, mode_count, reference_matrix, triangle_mode_count,
+};
+use crate::model::limit_surface::SurfaceParameter;
 use glam::{DMat3, DVec3};
 use std::f64::consts::{PI, TAU};
+use std::sync::Arc;
 
 /// The normal anisotropy of the samples: other than 1, so that all of a kernel runs.
 const ANISOTROPY: f64 = 5.0;
@@ -20,6 +30,8 @@ const TRIANGLES_TO_SEED: usize = 8;
 const RECORDS_TO_SEGMENT: usize = 12;
 /// Entries to a row, and rows to a column: those of two subdivisions.
 const ENTRIES: usize = 16;
+/// The order of the hexahedra.
+const ORDER: usize = 4;
 /// How far queries are from the surface, as a factor of its radius.
 const QUERY_RADIUS: f64 = 1.02;
 
@@ -59,6 +71,38 @@ pub fn closest(triangles: usize) -> ClosestInput {
     }
 }
 
+/// As many queries near the Loop surface of a sphere, with poles of valence 12, as there are triangles in a scan of it: eight to a control face.
+pub fn limit(triangles: usize) -> LimitInput {
+    let n = ((triangles / TRIANGLES_TO_SEED) as f64 / 24.0)
+        .ceil()
+        .max(2.0) as usize;
+    let control = capped_sphere(12, n);
+    let faces = control.mesh.face_count();
+    let queries = (0..triangles)
+        .map(|k| {
+            let start = SurfaceParameter {
+                face: (k % faces) as u32,
+                u: 0.3,
+                v: 0.4,
+            };
+            let corners = control.mesh.face(k % faces);
+            let [a, b, c] = [0, 1, 2].map(|i| control.mesh.positions[corners[i] as usize]);
+            let (s, t) = (0.5 + 0.4 * (k as f64).sin(), 0.5 + 0.4 * (k as f64).cos());
+            let near = a.lerp(b, s).lerp(c, t);
+            LimitQuery {
+                point: QUERY_RADIUS * near,
+                start,
+                is_settled: false,
+            }
+        })
+        .collect();
+    LimitInput {
+        control,
+        scheme: Scheme::Loop,
+        queries,
+    }
+}
+
 /// The search for the seeds whose cells meet the triangles of a sphere.
 pub fn candidates(triangles: usize) -> CandidateInput {
     CandidateInput {
@@ -94,6 +138,51 @@ pub fn differentiated(triangles: usize) -> DifferentiatedInput {
     }
 }
 
+/// Hexahedra of order 4 with about so many quadrature points.
+///
+/// # Errors
+/// As [`curved`].
+pub fn elements(points: usize) -> Result<ElementInput> {
+    curved(
+        CellShape::Hexahedron,
+        ORDER,
+        points.div_ceil((ORDER + 2).pow(3)),
+    )
+}
+
+/// `count` ideal elements of a shape and an order with every mode disturbed a little.
+///
+/// # Errors
+/// As [`element_tables`].
+pub fn curved(shape: CellShape, order: usize, count: usize) -> Result<ElementInput> {
+    let modes = mode_count(shape, order);
+    let n = order + 1;
+    let mut ideal = vec![DVec3::ZERO; modes];
+    for &u in corners(shape) {
+        let [x, y, z] = u.to_array().map(|x| x as usize);
+        let mode = match shape {
+            CellShape::Hexahedron => x + n * (y + n * z),
+            CellShape::Prism => x + 2 * y + triangle_mode_count(order) * z,
+            CellShape::Tetrahedron => x + 2 * y + 3 * z,
+        };
+        ideal[mode] = reference_matrix(shape) * u;
+    }
+    let size = 0.05 / (modes * order) as f64;
+    let disturbed = |k: usize| {
+        let t = k as f64;
+        ideal[k % modes] + size * DVec3::new(t.sin(), (1.7 * t).cos(), (2.3 * t).sin())
+    };
+    Ok(ElementInput {
+        batches: vec![ElementBatch {
+            tables: Arc::new(element_tables(shape, Basis::Legendre, order, Rule::Gauss)?),
+            inverse_references: vec![reference_matrix(shape).inverse(); count],
+            weights: vec![1.0 / count as f64; count],
+        }],
+        coefficients: (0..count * modes).map(disturbed).collect(),
+        distortion: Distortion::Strain,
+    })
+}
+
 /// A sphere to be fitted to one of `triangles` triangles: both sides of the evaluation, its metric and control points to start from.
 pub fn evaluation(triangles: usize) -> (FixedSide, MovingSide, Metric, Vec<DVec3>) {
     let target = Sphere::new(triangles);
@@ -126,6 +215,28 @@ fn spread(count: usize) -> Vec<DVec3> {
             0.5 * DVec3::new(r * around.cos(), r * around.sin(), z)
         })
         .collect()
+}
+
+/// A closed sphere of diameter 1: `rings` rings of `around` vertices between two poles.
+fn capped_sphere(around: usize, rings: usize) -> ControlMesh {
+    let down = |r: usize| PI * (r + 1) as f64 / (rings + 1) as f64;
+    let mut positions = vec![0.5 * DVec3::Z, -0.5 * DVec3::Z];
+    for k in 0..rings * around {
+        let turn = TAU * (k % around) as f64 / around as f64;
+        let (s, c) = down(k / around).sin_cos();
+        positions.push(0.5 * DVec3::new(s * turn.cos(), s * turn.sin(), c));
+    }
+    let at = |r: usize, k: usize| (2 + r * around + k % around) as u32;
+    let mut faces = Vec::new();
+    for k in 0..around {
+        faces.push([0, at(0, k), at(0, k + 1)]);
+        for r in 1..rings {
+            faces.push([at(r - 1, k), at(r, k), at(r, k + 1)]);
+            faces.push([at(r - 1, k), at(r, k + 1), at(r - 1, k + 1)]);
+        }
+        faces.push([1, at(rings - 1, k + 1), at(rings - 1, k)]);
+    }
+    PolygonMesh::from_faces(positions, faces).into()
 }
 
 /// A sphere of diameter 1 by latitude and longitude, open at the poles, triangles in spatial order.

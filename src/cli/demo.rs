@@ -1,11 +1,11 @@
 //! `vorofit demo`: the main job on the built-in scan.
 
-use super::job::{Job, Outputs, warn_of_flaws};
+use super::job::{Job, Method, Outputs, Target, warn_of_flaws};
 use super::session::Session;
 use super::{Outcome, terminal};
 use std::path::PathBuf;
 use vorofit::files::{SurfaceToWrite, write_surface};
-use vorofit::fit::{Options, Template};
+use vorofit::fit::{Checkpoints, Options, Template};
 use vorofit::mesh::PolygonMesh;
 use vorofit::mesh::check::Census;
 use vorofit::report::{Settings, Stopwatch};
@@ -45,13 +45,16 @@ impl Args {
         Job {
             command: "demo",
             name: &scan_file,
-            target: &scan,
-            template: Template::BoundingBox {
-                control_points: CONTROL_POINTS,
-            },
+            target: Target::Surface(&scan),
             settings: Settings::new("bbox".into(), Some(CONTROL_POINTS), &options),
-            options,
+            method: Method::Voronoi {
+                template: Template::BoundingBox {
+                    control_points: CONTROL_POINTS,
+                },
+                options,
+            },
             outputs,
+            checkpoints: Checkpoints::default(),
             report: Some(folder.join("report.json")),
         }
         .run(session, stopwatch)

@@ -1,14 +1,14 @@
 //! `vorofit fit`: a surface from a scan.
 
-use super::job::{Job, Outputs, warn_of_flaws};
+use super::job::{Job, Method, Outputs, Target, warn_of_flaws};
 use super::session::Session;
 use super::text::parse_number;
 use super::{Outcome, bad_usage, terminal};
 use clap::ValueEnum;
 use glam::DVec3;
 use std::path::{Path, PathBuf};
-use vorofit::files::read_surface;
-use vorofit::fit::{Options, Template};
+use vorofit::files::{Scan, check_place, read_control, read_scan};
+use vorofit::fit::{Checkpoint, Checkpoints, Options, Template, geometric};
 use vorofit::mesh::{ControlMesh, Scheme};
 use vorofit::report::{Settings, Stopwatch};
 use vorofit::template::{Align, Axis};
@@ -19,6 +19,8 @@ Examples:
   vorofit fit scan.ply -o control.obj
   vorofit fit scan.ply -o control.usda --control-points 6000 --surface surface.glb
   vorofit fit ring.stl -o control.obj --template torus
+  vorofit fit scan.ply -o control.obj --template simplify --method geometric --scheme loop --max-error 0.1
+  vorofit fit points.xyz -o control.obj --template near.obj --method geometric
   vorofit fit head.obj -o control.obj --template basemesh.obj --align box";
 
 /// Control points where nothing else is asked for: half a percent of error on most scans.
@@ -28,7 +30,8 @@ const CONTROL_POINTS: usize = 1500;
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
-    /// The scan: .obj, .ply, .stl or .off; holes, overlaps and bad triangles are fine
+    /// The scan: .obj, .ply, .stl or .off; holes, overlaps and bad triangles are fine. Points without faces: .ply or .xyz, for --method
+    /// geometric
     target: PathBuf,
     /// Write the control mesh (.obj, .ply, .off or .usda); may be repeated
     #[arg(short, long, required = true, value_name = "FILE")]
@@ -36,49 +39,74 @@ pub struct Args {
     /// Write the dense fitted surface with its distance to the scan (.ply, .glb, .obj, .stl, .off or .usda); may be repeated
     #[arg(long, value_name = "FILE")]
     surface: Vec<PathBuf>,
-    /// What to start from: a box (for targets like a ball), a torus (for those with one hole), or a mesh
-    #[arg(long, default_value = "bbox", value_name = "bbox|torus|FILE")]
-    template: String,
-    /// A point on the torus's axis and its direction [default: found through the target's widest hole]
-    #[arg(long, value_name = "X,Y,Z,DX,DY,DZ", allow_hyphen_values = true, value_parser = parse_axis)]
-    axis: Option<Axis>,
-    /// Bring a template FILE onto the target: `box` stretches its bounding box onto the target's [default: none]
-    #[arg(long, value_enum, hide_possible_values = true, value_name = "none|box")]
-    align: Option<Alignment>,
-    /// The surface that the control mesh stands for
+    /// What to start from: a box (for targets like a ball), a torus (for those with one hole), the simplified target, or a mesh, whose creases
+    /// and corners (.usda, .obj with OpenSubdiv's tags) stay sharp [default: bbox; simplify with --method geometric]
+    #[arg(long, value_name = "bbox|torus|simplify|FILE")]
+    template: Option<String>,
+    /// How to fit: by Voronoi squared distances, or by closest points on the exact limit surface, with more control points where a tolerance
+    /// asks for them
     #[arg(
         long,
         value_enum,
         default_value_t,
         hide_possible_values = true,
+        value_name = "vsdm|geometric"
+    )]
+    method: MethodName,
+    /// How --method geometric moves control points: as its paper does, or by least squares [default: least-squares]
+    #[arg(
+        long,
+        value_enum,
+        hide_possible_values = true,
+        value_name = "displacement|least-squares"
+    )]
+    step: Option<StepName>,
+    /// Fit to so many points spread evenly over the scan, in place of its vertices (--method geometric)
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000_000))]
+    samples: Option<u32>,
+    /// A point on the torus's axis and its direction [default: found through the target's widest hole]
+    #[arg(long, value_name = "X,Y,Z,DX,DY,DZ", allow_hyphen_values = true, value_parser = parse_axis)]
+    axis: Option<Axis>,
+    /// Bring a template FILE onto the target: `box` stretches its bounding box onto the target's, `rigid` turns and moves
+    /// it, `similarity` scales it as well [default: none]
+    #[arg(
+        long,
+        value_enum,
+        hide_possible_values = true,
+        value_name = "none|box|rigid|similarity"
+    )]
+    align: Option<Alignment>,
+    /// The surface that the control mesh stands for [default: catmull-clark; loop with --method geometric]
+    #[arg(
+        long,
+        value_enum,
+        hide_possible_values = true,
         value_name = "catmull-clark|loop|polygon"
     )]
-    scheme: SchemeName,
-    /// Control points, as nearly as the template's grid allows [default: 1500]
+    scheme: Option<SchemeName>,
+    /// Control points, as nearly as the template's grid allows [default: 1500]; with --method geometric those to start from [default: 2 % of
+    /// the vertices]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(8..=10_000_000))]
     control_points: Option<u32>,
+    /// Control points that --method geometric may end with [default: half as many as points to fit to]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(4..=10_000_000))]
+    max_control_points: Option<u32>,
     /// Subdivisions from control mesh to dense surface [default: 2; for polygon 0]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(0..=10))]
     levels: Option<u8>,
     /// Whether the dense surface's vertices are those of the limit surface [default: on]
     #[arg(long, value_enum, hide_possible_values = true, value_name = "on|off")]
     limit: Option<Switch>,
-    /// Weight of the smoothness term at the end
-    #[arg(long, default_value_t = Options::default().smoothness, value_name = "λ", value_parser = parse_from_0)]
-    smoothness: f64,
+    /// Weight of the smoothness term at the end [default: 0.01]
+    #[arg(long, value_name = "λ", value_parser = parse_from_0)]
+    smoothness: Option<f64>,
     /// How much more a distance along the normal counts than one across it, in the last Voronoi phase [default: no such phase; 5 with
     /// --polish off]
     #[arg(long, value_name = "s", value_parser = parse_from_1)]
     anisotropy: Option<f64>,
-    /// Finish with least squares on closest points; `off` is the method of the paper alone
-    #[arg(
-        long,
-        value_enum,
-        default_value_t,
-        hide_possible_values = true,
-        value_name = "on|off"
-    )]
-    polish: Switch,
+    /// Finish with least squares on closest points; `off` is the method of the paper alone [default: on]
+    #[arg(long, value_enum, hide_possible_values = true, value_name = "on|off")]
+    polish: Option<Switch>,
     /// Stop when no distance is larger than this, in percent of the diagonal
     #[arg(long, value_name = "%", value_parser = parse_positive)]
     max_error: Option<f64>,
@@ -88,6 +116,12 @@ pub struct Args {
     /// Stop after so many iterations of all phases
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     iterations: Option<u32>,
+    /// Keep the state of the fit in a file after every phase, for --resume [default: the file of --resume, if any]
+    #[arg(long, value_name = "FILE")]
+    checkpoint: Option<PathBuf>,
+    /// Go on from a checkpoint of the same fit; only --max-error, --mean-error and --iterations may differ
+    #[arg(long, value_name = "FILE")]
+    resume: Option<PathBuf>,
     /// The seed of all sampling
     #[arg(long, default_value_t, value_name = "N")]
     seed: u64,
@@ -100,10 +134,37 @@ enum Switch {
     Off,
 }
 
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
+enum MethodName {
+    #[default]
+    Vsdm,
+    Geometric,
+}
+
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Alignment {
+enum StepName {
+    Displacement,
+    LeastSquares,
+}
+
+/// [`Align`] on the command line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Alignment {
     None,
     Box,
+    Rigid,
+    Similarity,
+}
+
+impl From<Alignment> for Align {
+    fn from(alignment: Alignment) -> Self {
+        match alignment {
+            Alignment::None => Self::None,
+            Alignment::Box => Self::Box,
+            Alignment::Rigid => Self::Rigid,
+            Alignment::Similarity => Self::Similarity,
+        }
+    }
 }
 
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
@@ -117,12 +178,12 @@ enum SchemeName {
 impl Args {
     pub fn run(&self, session: &Session) -> Result<Outcome> {
         self.check_usage();
-        let options = self.options();
         let outputs = Outputs {
             control: self.output.clone(),
             surface: self.surface.clone(),
         };
-        outputs.check(options.scheme, &self.inputs())?;
+        outputs.check(self.scheme(), &self.inputs())?;
+        let checkpoints = self.checkpoints()?;
         session.device()?;
         terminal::catch_interrupts()?;
 
@@ -130,17 +191,24 @@ impl Args {
         session
             .terminal
             .stage(&format!("reading {}", self.target.display()));
-        let template = self.template()?;
-        let target = read_surface(&self.target)?;
-        warn_of_flaws(session, &self.target, &target.census);
+        let (method, settings) = self.method()?;
+        outputs.check_sharp(method.template(), self.scheme())?;
+        let scan = read_scan(&self.target)?;
+        let target = match &scan {
+            Scan::Surface(surface) => {
+                warn_of_flaws(session, &self.target, &surface.census);
+                Target::Surface(&surface.mesh)
+            }
+            Scan::Points(points) => Target::Points(points),
+        };
         Job {
             command: "fit",
             name: &self.target,
-            target: &target.mesh,
-            template,
-            settings: Settings::new(self.template.clone(), self.control_points(), &options),
-            options,
+            target,
+            method,
+            settings,
             outputs,
+            checkpoints,
             report: None,
         }
         .run(session, stopwatch)
@@ -150,9 +218,10 @@ impl Args {
     fn check_usage(&self) {
         let from_file = self.template_file().is_some();
         let asks_error = self.max_error.is_some() || self.mean_error.is_some();
+        let geometric = self.method == MethodName::Geometric;
         let conflicts = [
             (
-                self.axis.is_some() && self.template != "torus",
+                self.axis.is_some() && self.template_name() != "torus",
                 "--axis needs --template torus",
             ),
             (
@@ -161,15 +230,46 @@ impl Args {
             ),
             (
                 self.control_points.is_some() && from_file,
-                "--control-points is for bbox and torus: a template FILE brings its own",
+                "--control-points is for bbox, torus and simplify: a template FILE brings its own",
             ),
             (
-                self.limit.is_some() && self.scheme == SchemeName::Polygon,
+                self.limit.is_some() && self.scheme() == Scheme::Polygon,
                 "--limit is for subdivision surfaces: polygons are their own limit",
             ),
             (
-                asks_error && self.polish == Switch::Off,
+                asks_error && self.polish == Some(Switch::Off),
                 "--max-error and --mean-error need --polish on, which measures distances as it goes",
+            ),
+            (
+                !geometric
+                    && (self.step.is_some()
+                        || self.samples.is_some()
+                        || self.max_control_points.is_some()),
+                "--step, --samples and --max-control-points need --method geometric",
+            ),
+            (
+                geometric && self.scheme() != Scheme::Loop,
+                "--method geometric fits Loop surfaces: --scheme loop",
+            ),
+            (
+                geometric && matches!(self.template_name(), "bbox" | "torus"),
+                "--method geometric needs a start near the scan: --template simplify or FILE",
+            ),
+            (
+                geometric
+                    && (self.smoothness.is_some()
+                        || self.anisotropy.is_some()
+                        || self.polish.is_some()
+                        || self.limit.is_some()),
+                "--smoothness, --anisotropy, --polish and --limit are for --method vsdm",
+            ),
+            (
+                geometric && (self.checkpoint.is_some() || self.resume.is_some()),
+                "--checkpoint and --resume are for --method vsdm",
+            ),
+            (
+                self.max_control_points.is_some() && !asks_error,
+                "--max-control-points needs --max-error or --mean-error, for which control points are added",
             ),
         ];
         if let Some((_, message)) = conflicts.into_iter().find(|(wrong, _)| *wrong) {
@@ -177,8 +277,25 @@ impl Args {
         }
     }
 
+    fn template_name(&self) -> &str {
+        let default = match self.method {
+            MethodName::Vsdm => "bbox",
+            MethodName::Geometric => "simplify",
+        };
+        self.template.as_deref().unwrap_or(default)
+    }
+
+    fn scheme(&self) -> Scheme {
+        match (self.scheme, self.method) {
+            (Some(SchemeName::CatmullClark), _) | (None, MethodName::Vsdm) => Scheme::CatmullClark,
+            (Some(SchemeName::Loop), _) | (None, MethodName::Geometric) => Scheme::Loop,
+            (Some(SchemeName::Polygon), _) => Scheme::Polygon,
+        }
+    }
+
     fn template_file(&self) -> Option<&Path> {
-        (!matches!(self.template.as_str(), "bbox" | "torus")).then(|| Path::new(&self.template))
+        let name = self.template_name();
+        (!matches!(name, "bbox" | "torus" | "simplify")).then(|| Path::new(name))
     }
 
     fn inputs(&self) -> Vec<&Path> {
@@ -186,56 +303,118 @@ impl Args {
         target.chain(self.template_file()).collect()
     }
 
-    /// Control points to ask of a grid; none of a template that has its own.
+    fn checkpoints(&self) -> Result<Checkpoints> {
+        let file = self.checkpoint.clone().or_else(|| self.resume.clone());
+        if let Some(path) = &file {
+            check_place(path)?;
+        }
+        let resume = self.resume.as_deref().map(Checkpoint::read);
+        Ok(Checkpoints {
+            resume: resume.transpose()?,
+            file,
+        })
+    }
+
+    /// Control points to ask of a grid or of simplification; none of a template that has its own.
     fn control_points(&self) -> Option<usize> {
         let asked = self.control_points.map_or(CONTROL_POINTS, |n| n as usize);
         self.template_file().is_none().then_some(asked)
     }
 
+    /// The method, and what the report says of it.
+    fn method(&self) -> Result<(Method, Settings)> {
+        let name = self.template_name().to_owned();
+        if self.method == MethodName::Vsdm {
+            let options = self.options();
+            let settings = Settings::new(name, self.control_points(), &options);
+            let template = self.template()?;
+            return Ok((Method::Voronoi { template, options }, settings));
+        }
+        let asked = self.control_points.map(|n| n as usize);
+        let samples = self.samples.map(|n| n as usize);
+        let options = self.geometric_options();
+        let settings = Settings::of_geometric(name, asked, &options, samples, self.seed);
+        let start = match self.template_file() {
+            None => geometric::Start::Simplified(asked),
+            Some(path) => {
+                let (control, align) = self.template_mesh(path)?;
+                geometric::Start::Mesh { control, align }
+            }
+        };
+        let method = Method::Geometric {
+            start,
+            samples,
+            seed: self.seed,
+            options,
+        };
+        Ok((method, settings))
+    }
+
     fn template(&self) -> Result<Template> {
         let control_points = self.control_points().unwrap_or_default();
-        let Some(path) = self.template_file() else {
-            return Ok(match self.template.as_str() {
-                "torus" => Template::Torus {
-                    axis: self.axis.unwrap_or(Axis::Inertia),
-                    control_points,
-                },
-                _ => Template::BoundingBox { control_points },
-            });
+        Ok(match self.template_name() {
+            "bbox" => Template::BoundingBox { control_points },
+            "simplify" => Template::Simplified { control_points },
+            "torus" => Template::Torus {
+                axis: self.axis.unwrap_or(Axis::Inertia),
+                control_points,
+            },
+            path => {
+                let (control, align) = self.template_mesh(path.as_ref())?;
+                Template::Mesh { control, align }
+            }
+        })
+    }
+
+    fn template_mesh(&self, path: &Path) -> Result<(ControlMesh, Align)> {
+        let control = read_control(path).map_err(hint_at_grids)?;
+        let align = self.align.map_or(Align::None, Align::from);
+        Ok((control, align))
+    }
+
+    /// Subdivisions from control mesh to dense surface.
+    fn levels(&self) -> usize {
+        let default = match self.scheme() {
+            Scheme::Polygon => 0,
+            _ => Options::default().levels,
         };
-        let control = ControlMesh::from(read_surface(path).map_err(hint_at_grids)?.mesh);
-        let align = match self.align {
-            Some(Alignment::Box) => Align::Box,
-            Some(Alignment::None) | None => Align::None,
-        };
-        Ok(Template::Mesh { control, align })
+        self.levels.map_or(default, usize::from)
     }
 
     fn options(&self) -> Options {
-        let share = |percent: Option<f64>| percent.map(|percent| percent / 100.0);
-        let scheme = match self.scheme {
-            SchemeName::CatmullClark => Scheme::CatmullClark,
-            SchemeName::Loop => Scheme::Loop,
-            SchemeName::Polygon => Scheme::Polygon,
-        };
-        let defaults = Options::default();
-        let levels = match scheme {
-            Scheme::Polygon => 0,
-            _ => defaults.levels,
-        };
+        let scheme = self.scheme();
         Options {
             scheme,
-            levels: self.levels.map_or(levels, usize::from),
+            levels: self.levels(),
             limit: self.limit != Some(Switch::Off) && scheme != Scheme::Polygon,
-            smoothness: self.smoothness,
+            smoothness: self.smoothness.unwrap_or(Options::default().smoothness),
             anisotropy: self.anisotropy,
-            polish: self.polish == Switch::On,
+            polish: self.polish != Some(Switch::Off),
             max_error: share(self.max_error),
             mean_error: share(self.mean_error),
             iterations: self.iterations.map(|n| n as usize),
             seed: self.seed,
         }
     }
+
+    fn geometric_options(&self) -> geometric::Options {
+        geometric::Options {
+            step: match self.step {
+                Some(StepName::Displacement) => geometric::Step::Displacement,
+                Some(StepName::LeastSquares) | None => geometric::Step::LeastSquares,
+            },
+            max_error: share(self.max_error),
+            mean_error: share(self.mean_error),
+            max_control_points: self.max_control_points.map(|n| n as usize),
+            iterations: self.iterations.map(|n| n as usize),
+            levels: self.levels(),
+        }
+    }
+}
+
+/// The share that a percentage is.
+fn share(percent: Option<f64>) -> Option<f64> {
+    percent.map(|percent| percent / 100.0)
 }
 
 /// A mistyped name of a grid reads like a file that is not there.
@@ -245,7 +424,7 @@ fn hint_at_grids(error: Error) -> Error {
             &path,
             "template",
             "there is no such file",
-            "give bbox, torus or a mesh",
+            "give bbox, torus, simplify or a mesh",
         ),
         other => other,
     }

@@ -6,12 +6,14 @@ use super::text::{Summary, count, significant};
 use glam::DVec3;
 use std::path::{Path, PathBuf};
 use vorofit::files::{SurfaceToWrite, check_place, check_writable, write_surface};
-use vorofit::fit::{self, Iteration, Options, Start, StopReason, Target, Template};
+use vorofit::fit::geometric::{self, Data};
+use vorofit::fit::{self, Checkpoints, Fit, Iteration, Options, Start, StopReason, Template};
 use vorofit::measure;
 use vorofit::mesh::check::Census;
 use vorofit::mesh::{ControlMesh, Frame, PolygonMesh, Scheme, shapes};
 use vorofit::report::{
     DeviceReport, ErrorReport, Figures, Report, ResultReport, Settings, Stopwatch, TargetReport,
+    Timing,
 };
 use vorofit::{Error, Result};
 
@@ -24,13 +26,77 @@ pub struct Job<'a> {
     pub command: &'static str,
     /// What the target is called in messages.
     pub name: &'a Path,
-    pub target: &'a PolygonMesh,
-    pub template: Template,
-    pub options: Options,
+    pub target: Target<'a>,
+    pub method: Method,
     pub settings: Settings,
     pub outputs: Outputs,
+    pub checkpoints: Checkpoints,
     /// A file for the report, beside the one that the user may ask for.
     pub report: Option<PathBuf>,
+}
+
+/// What to fit to, in its own coordinates.
+#[derive(Clone, Copy)]
+pub enum Target<'a> {
+    Surface(&'a PolygonMesh),
+    Points(&'a [DVec3]),
+}
+
+impl Target<'_> {
+    fn vertex_count(self) -> usize {
+        match self {
+            Self::Surface(mesh) => mesh.positions.len(),
+            Self::Points(points) => points.len(),
+        }
+    }
+
+    fn face_count(self) -> usize {
+        match self {
+            Self::Surface(mesh) => mesh.face_count(),
+            Self::Points(_) => 0,
+        }
+    }
+}
+
+/// How to fit.
+pub enum Method {
+    /// By Voronoi squared distances.
+    Voronoi {
+        template: Template,
+        options: Options,
+    },
+    /// By the geometric algorithm.
+    Geometric {
+        start: geometric::Start,
+        /// Points to spread over the target, in place of its vertices, and the seed of that.
+        samples: Option<usize>,
+        seed: u64,
+        options: geometric::Options,
+    },
+}
+
+impl Method {
+    fn scheme(&self) -> Scheme {
+        match self {
+            Self::Voronoi { options, .. } => options.scheme,
+            Self::Geometric { .. } => Scheme::Loop,
+        }
+    }
+
+    /// The control mesh of the user's own that it starts from, if any.
+    pub fn template(&self) -> Option<&ControlMesh> {
+        match self {
+            Self::Voronoi {
+                template: Template::Mesh { control, .. },
+                ..
+            }
+            | Self::Geometric {
+                start: geometric::Start::Mesh { control, .. },
+                ..
+            } => Some(control),
+            _ => None,
+        }
+    }
 }
 
 /// The files to write.
@@ -51,18 +117,41 @@ impl Outputs {
         for path in &self.surface {
             check_writable(path, &SurfaceToWrite::dense(&triangle, None))?;
         }
-        let all: Vec<&PathBuf> = self.control.iter().chain(&self.surface).collect();
-        for (k, path) in all.iter().enumerate() {
-            check_place(path)?;
-            if inputs.iter().any(|input| is_same_file(input, path)) {
-                return Err(refused(path, "it is also an input"));
-            }
-            if all[..k].contains(path) {
-                return Err(refused(path, "it is given twice"));
-            }
-        }
-        Ok(())
+        refuse_clashes(self.control.iter().chain(&self.surface), inputs)
     }
+
+    /// Refuses, before the fit, files that could not hold the creases and corners of the template.
+    pub fn check_sharp(&self, template: Option<&ControlMesh>, scheme: Scheme) -> Result<()> {
+        let Some(control) = template else {
+            return Ok(());
+        };
+        let mut example = ControlMesh::from(PolygonMesh::from(shapes::sphere(1.0, 0)));
+        if !(control.creases.is_empty() && control.corners.is_empty()) {
+            example.corners = vec![0];
+        }
+        let surface = SurfaceToWrite::control(&example, scheme);
+        self.control
+            .iter()
+            .try_for_each(|path| check_writable(path, &surface))
+    }
+}
+
+/// Refuses output files that cannot be made, that would replace an input, or that are given twice.
+pub fn refuse_clashes<'a>(
+    outputs: impl Iterator<Item = &'a PathBuf>,
+    inputs: &[&Path],
+) -> Result<()> {
+    let all: Vec<&PathBuf> = outputs.collect();
+    for (k, path) in all.iter().enumerate() {
+        check_place(path)?;
+        if inputs.iter().any(|input| is_same_file(input, path)) {
+            return Err(refused(path, "it is also an input"));
+        }
+        if all[..k].contains(path) {
+            return Err(refused(path, "it is given twice"));
+        }
+    }
+    Ok(())
 }
 
 fn is_same_file(a: &Path, b: &Path) -> bool {
@@ -78,8 +167,8 @@ fn refused(path: &Path, problem: &str) -> Error {
 struct Finished {
     control: ControlMesh,
     surface: PolygonMesh,
-    /// `[surface vertices]`: from the target; empty where no surface is written.
-    distances: Vec<f64>,
+    /// `[surface vertices]`: from the target; for surfaces that are written, of targets with faces.
+    distances: Option<Vec<f64>>,
     diagonal: f64,
     error: ErrorReport,
     iterations: Vec<Iteration>,
@@ -108,53 +197,123 @@ impl Job<'_> {
     }
 
     fn fit(&self, session: &Session, stopwatch: &mut Stopwatch) -> Result<Finished> {
-        let about_template = |e| in_file(e, self.template_file(), "template");
-        let device = session.device()?;
         session.terminal.stage("preparing the target");
-        let mut input = self.target.triangulate();
-        let target = Target::new(device, &input).map_err(|e| in_file(e, self.name, "faces"))?;
-        stopwatch.lap("prepare");
-        let start =
-            Start::new(&target, &self.template, self.options.scheme).map_err(about_template)?;
-        stopwatch.lap("template");
-        let fit = fit::fit(device, &target, start, &self.options, &session.terminal)
-            .map_err(about_template)?;
-        stopwatch.laps(fit.stages);
-
-        session.terminal.stage("measuring the error");
-        // The fit's own target has its holes bridged; judged is the input, in the unit frame, where f64 has digits to spare.
-        let to_unit = |p: &mut DVec3| *p = target.frame.to_unit(*p);
-        input.positions.iter_mut().for_each(to_unit);
-        let error = measure::surface_error(&input, &fit.surface.triangulate(), SAMPLES)
-            .map_err(|e| in_file(e, self.name, "result"))?;
-        let Frame { diagonal, .. } = target.frame;
-        let distances = match self.outputs.surface.is_empty() {
-            true => Vec::new(),
-            false => measure::distances(&input, &fit.surface.positions)?,
+        let (frame, fit) = match &self.method {
+            Method::Voronoi { template, options } => {
+                self.fit_voronoi(session, template, options, stopwatch)?
+            }
+            Method::Geometric {
+                start,
+                samples,
+                seed,
+                options,
+            } => {
+                let data = match self.target {
+                    Target::Surface(target) => {
+                        Data::of_mesh(&target.triangulate(), *samples, *seed)
+                    }
+                    Target::Points(points) => Data::of_points(points),
+                };
+                let data = data.map_err(|e| in_file(e, self.name, "target"))?;
+                stopwatch.lap("prepare");
+                self.fit_geometric(session, &data, start, options, stopwatch)?
+            }
         };
+        session.terminal.stage("measuring the error");
+        let (error, distances) = self.judge(&frame, &fit)?;
         let mut finished = Finished {
             control: fit.control,
             surface: fit.surface,
-            distances: distances.iter().map(|d| d * diagonal).collect(),
-            diagonal,
-            error: ErrorReport::of_fit(&error, diagonal),
+            distances,
+            diagonal: frame.diagonal,
+            error,
             iterations: fit.iterations,
             stop_reason: fit.stop_reason,
         };
         let control = &mut finished.control.mesh.positions;
         for p in control.iter_mut().chain(&mut finished.surface.positions) {
-            *p = target.frame.to_input(*p);
+            *p = frame.to_input(*p);
         }
         stopwatch.lap("measure");
         Ok(finished)
     }
 
+    fn fit_voronoi(
+        &self,
+        session: &Session,
+        template: &Template,
+        options: &Options,
+        stopwatch: &mut Stopwatch,
+    ) -> Result<(Frame, Fit)> {
+        let Target::Surface(target) = self.target else {
+            return Err(Error::file(
+                self.name,
+                "faces",
+                "there are points but no faces, and Voronoi squared distances need a surface",
+                "fit points with --method geometric and --template FILE, or make a mesh of them",
+            ));
+        };
+        let about_template = |e| in_file(e, self.template_file(), "template");
+        let device = session.device()?;
+        let target = fit::Target::new(device, &target.triangulate())
+            .map_err(|e| in_file(e, self.name, "faces"))?;
+        stopwatch.lap("prepare");
+        let start = Start::new(&target, template, options.scheme).map_err(about_template)?;
+        stopwatch.lap("template");
+        let fit =
+            fit::fit(device, &target, start, options, &session.terminal).map_err(about_template)?;
+        stopwatch.laps(fit.stages.iter().cloned());
+        Ok((target.frame, fit))
+    }
+
+    fn fit_geometric(
+        &self,
+        session: &Session,
+        data: &Data,
+        start: &geometric::Start,
+        options: &geometric::Options,
+        stopwatch: &mut Stopwatch,
+    ) -> Result<(Frame, Fit)> {
+        let about_template = |e| in_file(e, self.template_file(), "template");
+        let control = data.control_mesh(start).map_err(about_template)?;
+        stopwatch.lap("template");
+        let device = session.device()?;
+        let fit = geometric::fit(device, data, control, options, &session.terminal)
+            .map_err(about_template)?;
+        stopwatch.laps(fit.stages.iter().cloned());
+        Ok((data.frame, fit))
+    }
+
+    /// The error of a fit, and the distances of the surface's vertices from the target if they are to be written.
+    fn judge(&self, frame: &Frame, fit: &Fit) -> Result<(ErrorReport, Option<Vec<f64>>)> {
+        let diagonal = frame.diagonal;
+        let Target::Surface(target) = self.target else {
+            let error = fit.data_error.unwrap_or_default();
+            return Ok((ErrorReport::of_points(error, diagonal), None));
+        };
+        // The fit's own target may have its holes bridged; judged is the input, in the unit frame, where f64 has digits to spare.
+        let mut input = target.triangulate();
+        let to_unit = |p: &mut DVec3| *p = frame.to_unit(*p);
+        input.positions.iter_mut().for_each(to_unit);
+        let error = measure::surface_error(&input, &fit.surface.triangulate(), SAMPLES)
+            .map_err(|e| in_file(e, self.name, "result"))?;
+        let distances = match self.outputs.surface.is_empty() {
+            true => None,
+            false => {
+                let unit = measure::distances(&input, &fit.surface.positions)?;
+                Some(unit.into_iter().map(|d| diagonal * d).collect())
+            }
+        };
+        let report = ErrorReport::of_fit(&error, diagonal).with_data(fit.data_error, diagonal);
+        Ok((report, distances))
+    }
+
     fn write(&self, finished: &Finished) -> Result<()> {
-        let control = SurfaceToWrite::control(&finished.control, self.options.scheme);
+        let control = SurfaceToWrite::control(&finished.control, self.method.scheme());
         for path in &self.outputs.control {
             write_surface(path, &control)?;
         }
-        let surface = SurfaceToWrite::dense(&finished.surface, Some(&finished.distances));
+        let surface = SurfaceToWrite::dense(&finished.surface, finished.distances.as_deref());
         for path in &self.outputs.surface {
             write_surface(path, &surface)?;
         }
@@ -163,9 +322,9 @@ impl Job<'_> {
 
     /// The file to name where the template is at fault: grids come from the target.
     fn template_file(&self) -> &Path {
-        match self.template {
-            Template::Mesh { .. } => Path::new(&self.settings.template),
-            _ => self.name,
+        match self.method.template() {
+            Some(_) => Path::new(&self.settings.template),
+            None => self.name,
         }
     }
 
@@ -186,7 +345,7 @@ impl Job<'_> {
             device: Some(DeviceReport::of(session.device()?)),
             settings: Some(self.settings.clone()),
             target: Some(TargetReport {
-                vertices: self.target.positions.len(),
+                vertices: self.target.vertex_count(),
                 faces: self.target.face_count(),
                 bbox_diagonal: finished.diagonal,
             }),
@@ -195,12 +354,16 @@ impl Job<'_> {
                 control_faces: Some(control.mesh.face_count()),
                 surface_vertices: surface.positions.len(),
                 surface_faces: surface.face_count(),
+                ..Default::default()
             }),
             iterations: Some(finished.iterations),
             converged: Some(match stop_reason {
                 StopReason::Tolerance => true,
                 StopReason::Schedule => self.meets_tolerance(&error),
-                StopReason::Iterations | StopReason::Interrupted => false,
+                StopReason::Stagnation => self.meets_tolerance(&error),
+                StopReason::Iterations | StopReason::ControlPoints | StopReason::Interrupted => {
+                    false
+                }
             }),
             stop_reason: Some(stop_reason),
             error: Some(error),
@@ -251,6 +414,12 @@ impl Job<'_> {
         if let Some(error) = &report.error {
             self.summarize_error(error, &mut summary);
         }
+        if let (Method::Geometric { .. }, Some(iterations)) = (&self.method, &report.iterations) {
+            tabulate(iterations, &mut summary);
+        }
+        if let Some(timing) = &report.timing {
+            summary.line("stages", stages(timing));
+        }
         summary.line("time", self.time(report));
         summary.line("open", self.what_to_open());
         summary.text()
@@ -266,9 +435,13 @@ impl Job<'_> {
             "error",
             line(percent, " %", "of the bounding box's diagonal"),
         );
-        let directions = [&error.target_to_surface, &error.surface_to_target].map(|d| d.figures);
-        let larger =
-            |figure: fn(&Figures) -> f64| directions.iter().map(figure).fold(0.0, f64::max);
+        let directions = || {
+            let back = error.surface_to_target.as_ref();
+            std::iter::once(&error.target_to_surface).chain(back)
+        };
+        let larger = |figure: fn(&Figures) -> f64| {
+            directions().map(|d| figure(&d.figures)).fold(0.0, f64::max)
+        };
         let units = [larger(|f| f.max), larger(|f| f.rms), larger(|f| f.mean)];
         summary.line(
             "error",
@@ -278,6 +451,19 @@ impl Job<'_> {
                 &format!("in the units of {}", self.name.display()),
             ),
         );
+        if let Some(Figures {
+            max_percent,
+            rms_percent,
+            mean_percent,
+            ..
+        }) = error.data_to_limit.as_ref().map(|d| d.figures)
+        {
+            let percent = [max_percent, rms_percent, mean_percent];
+            summary.line(
+                "error",
+                line(percent, " %", "at the data points, from the limit surface"),
+            );
+        }
         if let Some(holes) = &error.over_holes {
             summary.line(
                 "holes",
@@ -291,11 +477,22 @@ impl Job<'_> {
     }
 
     fn time(&self, report: &Report) -> String {
-        let asked = self.options.max_error.is_some() || self.options.mean_error.is_some();
+        let settings = &self.settings;
+        let asked = settings.max_error_percent.is_some() || settings.mean_error_percent.is_some();
         let why = match (report.stop_reason, report.converged) {
+            (Some(StopReason::Interrupted), _) if self.checkpoints.file.is_some() => {
+                "interrupted: this is the best so far; --resume goes on"
+            }
             (Some(StopReason::Interrupted), _) => "interrupted: this is the best so far",
             (Some(StopReason::Iterations), _) => "stopped at the iterations allowed",
             (Some(StopReason::Tolerance), _) => "stopped at the error asked for",
+            (Some(StopReason::ControlPoints), _) => {
+                "stopped short of the error asked for: try a larger --max-control-points"
+            }
+            (Some(StopReason::Stagnation), Some(true)) => "ran until nothing got better",
+            (Some(StopReason::Stagnation), _) => {
+                "nothing got better any more, short of the error asked for"
+            }
             (_, Some(false)) if asked => {
                 "ran to the end without reaching the error asked for: try more control points"
             }
@@ -333,7 +530,7 @@ impl Job<'_> {
             .first()
             .map(|path| path.display().to_string());
         let first = first.unwrap_or_default();
-        match self.options.scheme {
+        match self.method.scheme() {
             Scheme::CatmullClark => {
                 format!("{first} in Blender, with a Subdivision Surface modifier on it")
             }
@@ -341,6 +538,41 @@ impl Job<'_> {
             Scheme::Polygon => format!("{first} in any mesh viewer"),
         }
     }
+}
+
+/// The last iteration with each number of control points, as the papers tabulate them.
+fn tabulate(iterations: &[Iteration], summary: &mut Summary) {
+    let row = |cells: [&str; 6]| {
+        let [first, others @ ..] = cells.map(|cell| format!("{cell:>9}"));
+        format!("{first}{}", others.join(""))
+    };
+    summary.line(
+        "fit",
+        row(["iteration", "points", "E_max %", "E_rms %", "E_ave %", "s"]),
+    );
+    for same in iterations.chunk_by(|a, b| a.control_points == b.control_points) {
+        let last = &same[same.len() - 1];
+        let percent = |share: Option<f64>| significant(share.unwrap_or_default(), 3);
+        let cells = [
+            count(last.iteration),
+            count(last.control_points),
+            percent(last.max_percent),
+            percent(last.rms_percent),
+            percent(last.mean_percent),
+            format!("{:.2}", last.seconds),
+        ];
+        summary.line("fit", row(cells.each_ref().map(String::as_str)));
+    }
+}
+
+/// Where the time went, longest first.
+fn stages(timing: &Timing) -> String {
+    let mut stages: Vec<_> = timing.stages.iter().collect();
+    stages.sort_by(|a, b| b.1.total_cmp(&a.1));
+    let share = |(name, seconds): &(String, f64)| {
+        format!("{name} {:.0} %", 100.0 * seconds / timing.total_s)
+    };
+    stages.into_iter().map(share).collect::<Vec<_>>().join(", ")
 }
 
 /// Tells the flaws of an input in one line.
@@ -354,7 +586,7 @@ pub fn warn_of_flaws(session: &Session, path: &Path, census: &Census) {
 }
 
 /// An error about a mesh, with the file that the mesh came from.
-fn in_file(error: Error, path: &Path, place: &str) -> Error {
+pub fn in_file(error: Error, path: &Path, place: &str) -> Error {
     match error {
         Error::Input { problem, remedy } => Error::file(path, place, problem, remedy),
         other => other,

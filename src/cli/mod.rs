@@ -4,6 +4,7 @@
 //! 130 interrupted.
 
 mod bench;
+mod check;
 mod compare;
 mod demo;
 mod devices;
@@ -12,6 +13,7 @@ mod job;
 mod session;
 mod terminal;
 mod text;
+mod volume;
 
 use clap::{Parser, Subcommand};
 use session::{Common, Session};
@@ -30,9 +32,11 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    Fit(fit::Args),
+    Fit(Box<fit::Args>),
+    Volume(Box<volume::Args>),
     Demo(demo::Args),
     Compare(compare::Args),
+    Check(check::Args),
     Devices(devices::Args),
     Bench(bench::Args),
 }
@@ -53,8 +57,10 @@ pub fn main() -> ExitCode {
         let session = Session::start(&common)?;
         match &command {
             Command::Fit(args) => args.run(&session),
+            Command::Volume(args) => args.run(&session),
             Command::Demo(args) => args.run(&session),
             Command::Compare(args) => args.run(&session),
+            Command::Check(args) => args.run(&session),
             Command::Devices(args) => args.run(&session),
             Command::Bench(args) => args.run(&session),
         }

@@ -1,19 +1,20 @@
-//! Surfaces from files and into files, one file per format.
+//! Surfaces from files and into files, one file per format. Volume meshes: [`volume`].
 //!
-//! Reading: [`read_surface`] takes OBJ, PLY, STL and OFF by extension, checks what it read at the door ([`crate::mesh::check`]) and counts
+//! Reading: [`read_surface`] takes OBJ, PLY, STL, OFF and USD text by extension, checks what it read at the door ([`crate::mesh::check`]) and counts
 //! the flaws that it accepted. Readers never trust a length or an index: memory grows with the bytes that are there, not with what a
-//! header claims.
+//! header claims. [`read_scan`] also takes points without faces, from PLY and XYZ.
 //!
 //! Writing: [`write_surface`] takes a [`SurfaceToWrite`] and the format's extension. What a format cannot hold it refuses, and names one
 //! that can: a file never means another surface than the one given. Every file goes through [`write_whole`].
 //!
 //! | extension | read | written | precision | holds |
 //! | --- | --- | --- | --- | --- |
-//! | `.obj` | yes | yes | f64 | polygons |
+//! | `.obj` | yes | yes | f64 | polygons, creases, corners |
 //! | `.ply` | yes | binary | f64 | polygons, error per vertex |
 //! | `.off` | yes | yes | f64 | polygons |
 //! | `.stl` | yes | binary | f32 | triangles |
-//! | `.usda` | no | yes | f32 about a local origin | polygons, scheme, creases, corners, error per vertex |
+//! | `.xyz` | as points | no | f64 | points |
+//! | `.usda` | yes | yes | f32 about a local origin | polygons, scheme, creases, corners, error per vertex |
 //! | `.glb` | no | yes | f32 about a local origin | triangles, normals, error per vertex as colours |
 
 mod atomic;
@@ -23,8 +24,13 @@ mod off;
 mod ply;
 mod stl;
 mod usd;
+pub mod volume;
+mod xyz;
 
 pub use atomic::{check_place, write_whole};
+pub use volume::{
+    Volume, VolumeToWrite, check_volume_writable, read_volume, volume_from_bytes, write_volume,
+};
 
 use crate::error::{Defect, Error, Result};
 use crate::mesh::check::{self, Census};
@@ -60,13 +66,70 @@ pub fn read_surface(path: &Path) -> Result<Surface> {
 /// As [`read_surface`].
 pub fn surface_from_bytes(path: &Path, bytes: &[u8]) -> Result<Surface> {
     draft(path, bytes)
+        .and_then(surface)
+        .map_err(|defect| defect.in_file(path))
+}
+
+fn surface(draft: Draft) -> Result<Surface, Defect> {
+    check::sound(&draft.mesh)?;
+    let mut census = Census::of(&draft.mesh);
+    census.short_faces = draft.short_faces;
+    Ok(Surface {
+        mesh: draft.mesh,
+        census,
+    })
+}
+
+/// What a surface can be fitted to.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Scan {
+    /// Faces.
+    Surface(Surface),
+    /// Points without faces; there is at least one, and their bounding box has an extent.
+    Points(Vec<DVec3>),
+}
+
+/// Reads a surface or, from a PLY file without faces and from XYZ (a line `x y z …` to a point), a cloud of points.
+///
+/// # Errors
+/// As [`read_surface`], but for points without faces.
+pub fn read_scan(path: &Path) -> Result<Scan> {
+    let bytes = std::fs::read(path).map_err(|e| Error::io(path, e))?;
+    scan(path, &bytes).map_err(|defect| defect.in_file(path))
+}
+
+fn scan(path: &Path, bytes: &[u8]) -> Result<Scan, Defect> {
+    let is = |name: &str| {
+        path.extension()
+            .is_some_and(|e| e.eq_ignore_ascii_case(name))
+    };
+    let points = if is("xyz") {
+        xyz::read(bytes)?
+    } else {
+        let draft = draft(path, bytes)?;
+        if !is("ply") || draft.mesh.face_count() + draft.short_faces > 0 {
+            return surface(draft).map(Scan::Surface);
+        }
+        draft.mesh.positions
+    };
+    check::sound_points(&points)?;
+    Ok(Scan::Points(points))
+}
+
+/// Reads a control mesh: a surface with the edges and vertices that stay sharp under subdivision, where the format holds them (see the
+/// table of [`crate::files`]).
+///
+/// # Errors
+/// As [`read_surface`], and where a crease or corner is not on the mesh or a corner is semi-sharp.
+pub fn read_control(path: &Path) -> Result<ControlMesh> {
+    let bytes = std::fs::read(path).map_err(|e| Error::io(path, e))?;
+    draft(path, &bytes)
         .and_then(|draft| {
             check::sound(&draft.mesh)?;
-            let mut census = Census::of(&draft.mesh);
-            census.short_faces = draft.short_faces;
-            Ok(Surface {
+            Ok(ControlMesh {
                 mesh: draft.mesh,
-                census,
+                creases: draft.creases,
+                corners: draft.sharp_corners,
             })
         })
         .map_err(|defect| defect.in_file(path))
@@ -91,10 +154,11 @@ fn draft(path: &Path, bytes: &[u8]) -> Result<Draft, Defect> {
         Format::Ply => ply::read(bytes),
         Format::Stl => stl::read(bytes),
         Format::Off => off::read(bytes),
-        Format::Usda | Format::Glb => Err(Defect::new(
+        Format::Usda => usd::read(bytes),
+        Format::Glb => Err(Defect::new(
             "extension",
-            format!("{format:?} is written here but not read"),
-            "give an .obj, .ply, .stl or .off file",
+            "Glb is written here but not read",
+            "give an .obj, .ply, .stl, .off or .usda file",
         )),
     }
 }
@@ -186,7 +250,7 @@ pub fn write_surface(path: &Path, surface: &SurfaceToWrite<'_>) -> Result<()> {
     check_writable(path, surface)?;
     let format = Format::of(path).map_err(|defect| defect.in_file(path))?;
     write_whole(path, |out| match format {
-        Format::Obj => obj::write(out, surface.mesh),
+        Format::Obj => obj::write(out, surface),
         Format::Ply => ply::write(out, surface.mesh, surface.error),
         Format::Stl => stl::write(out, surface.mesh),
         Format::Off => off::write(out, surface.mesh),
@@ -219,7 +283,7 @@ impl Format {
                 return Err(Defect::new(
                     "extension",
                     format!("{extension:?} is no format of surfaces known here"),
-                    "use .obj, .ply, .stl or .off, or for output also .usda or .glb",
+                    "use .obj, .ply, .stl, .off or .usda, or for output also .glb",
                 ));
             }
         })
@@ -251,12 +315,12 @@ impl Format {
         };
         let sharp = !(surface.creases.is_empty() && surface.corners.is_empty());
         match self {
-            Self::Usda => Ok(()),
+            Self::Usda | Self::Obj => Ok(()),
             Self::Stl | Self::Glb if surface.scheme != Scheme::Polygon => refuse(
                 "has no subdivision surfaces",
                 "write the control mesh as .obj or .usda, or the dense surface to this file",
             ),
-            _ if sharp => refuse("has no creases or corners", "write a .usda file"),
+            _ if sharp => refuse("has no creases or corners", "write a .usda or .obj file"),
             Self::Stl => stl::check_holds(surface.mesh),
             _ => Ok(()),
         }
@@ -267,6 +331,9 @@ impl Format {
 #[derive(Default)]
 struct Draft {
     mesh: PolygonMesh,
+    creases: Vec<Crease>,
+    /// Vertices that stay sharp.
+    sharp_corners: Vec<u32>,
     corners: usize,
     short_faces: usize,
     /// The corners of the last face, kept for its memory.
@@ -308,6 +375,63 @@ impl Draft {
         self.face.extend(corners.iter().map(|&v| v as u32));
         self.mesh.push_face(&self.face);
         Ok(())
+    }
+
+    /// Appends a crease between vertices counted from 0; none where the sharpness is 0.
+    fn push_crease(
+        &mut self,
+        edge: [i64; 2],
+        sharpness: f64,
+        place: impl Fn() -> String,
+    ) -> Result<(), Defect> {
+        let [a, b] = edge.map(|v| self.sharp_vertex(v, sharpness, &place));
+        let edge = [a?, b?];
+        if sharpness > 0.0 {
+            self.creases.push(Crease { edge, sharpness });
+        }
+        Ok(())
+    }
+
+    /// Appends a vertex, counted from 0, that stays sharp; none where the sharpness is 0.
+    fn push_corner(
+        &mut self,
+        vertex: i64,
+        sharpness: f64,
+        place: impl Fn() -> String,
+    ) -> Result<(), Defect> {
+        let vertex = self.sharp_vertex(vertex, sharpness, &place)?;
+        if sharpness >= Crease::INFINITE {
+            self.sharp_corners.push(vertex);
+        } else if sharpness > 0.0 {
+            return Err(Defect::new(
+                place(),
+                format!("vertex {vertex} is a semi-sharp corner, of sharpness {sharpness}"),
+                "make that 10 or 0: corners are sharp for ever here",
+            ));
+        }
+        Ok(())
+    }
+
+    /// A vertex of the mesh, if the sharpness is one.
+    fn sharp_vertex(
+        &self,
+        vertex: i64,
+        sharpness: f64,
+        place: impl Fn() -> String,
+    ) -> Result<u32, Defect> {
+        let vertices = self.mesh.positions.len();
+        u32::try_from(vertex)
+            .ok()
+            .filter(|&v| (v as usize) < vertices && sharpness >= 0.0)
+            .ok_or_else(|| {
+                Defect::new(
+                    place(),
+                    format!(
+                        "vertex {vertex} (counted from 0) of {vertices} is sharp by {sharpness}"
+                    ),
+                    "the file is damaged: export it again",
+                )
+            })
     }
 }
 
@@ -365,7 +489,7 @@ mod tests {
             );
         }
         control.corners = vec![2];
-        for name in ["a.obj", "a.ply", "a.off"] {
+        for name in ["a.ply", "a.off"] {
             let cage = SurfaceToWrite::control(&control, Scheme::CatmullClark);
             assert!(refusal(name, &cage).contains(".usda"));
         }

@@ -1,11 +1,16 @@
-//! Wavefront OBJ: `v` and `f` statements, through the crate `tobj`.
+//! Wavefront OBJ: `v` and `f` statements, through the crate `tobj`, and the tags of what is sharp.
+//!
+//! The tags are those of OpenSubdiv's shapes (its folder `regression/shapes`; its exporters for Maya and Houdini write them too):
+//! `t crease 2/1/0 V W SHARPNESS` and `t corner 1/1/0 V SHARPNESS`, that is a name, how many integers, floats and strings follow, and
+//! these. Vertices count from 0 in tags, and a sharpness of 10 is for ever. Other tags are passed over.
 //!
 //! tobj hands out positions in the order of their first use, drops unused ones, does not join continued lines, takes polylines for faces
 //! and names no line in its errors. So it is fed by [`Statements`], which passes on only what makes a surface and knows the line.
 
-use super::{Draft, quoted};
+use super::{Draft, SurfaceToWrite, quoted};
 use crate::error::Defect;
-use crate::mesh::{PolygonMesh, weld};
+use crate::mesh::Crease;
+use crate::mesh::weld::welded;
 use glam::DVec3;
 use std::io::{self, BufRead, Read, Write};
 
@@ -55,8 +60,37 @@ pub(super) fn read(bytes: &[u8]) -> Result<Draft, Defect> {
     }
     // Every vertex came with a face of one corner.
     draft.short_faces -= draft.mesh.positions.len();
-    draft.mesh = weld(&draft.mesh);
+    read_tags(bytes, &mut draft)?;
+    let (mesh, merged) = welded(&draft.mesh);
+    draft.mesh = mesh;
+    let ends = draft.creases.iter_mut().flat_map(|c| &mut c.edge);
+    for vertex in ends.chain(&mut draft.sharp_corners) {
+        *vertex = merged[*vertex as usize];
+    }
     Ok(draft)
+}
+
+/// Reads the creases and corners, once all vertices are there.
+fn read_tags(bytes: &[u8], draft: &mut Draft) -> Result<(), Defect> {
+    for (line, text) in logical_lines(bytes).filter(|(_, text)| keyword(text) == b"t") {
+        let text = String::from_utf8_lossy(&text);
+        let place = || format!("line {line}");
+        let damaged = || {
+            let problem = format!("{} is no crease or corner", quoted(text.trim()));
+            Defect::new(place(), problem, DAMAGED)
+        };
+        let integer = |word: &str| word.parse::<i64>().map_err(|_| damaged());
+        let float = |word: &str| word.parse::<f64>().map_err(|_| damaged());
+        match text.split_whitespace().skip(1).collect::<Vec<_>>()[..] {
+            ["crease", "2/1/0", v, w, s] => {
+                draft.push_crease([integer(v)?, integer(w)?], float(s)?, place)?;
+            }
+            ["corner", "1/1/0", v, s] => draft.push_corner(integer(v)?, float(s)?, place)?,
+            ["crease" | "corner", ..] => return Err(damaged()),
+            _ => {}
+        }
+    }
+    Ok(())
 }
 
 /// The first face whose index is out of range, looked for only after tobj found that there is one.
@@ -176,7 +210,8 @@ impl Read for Statements<'_> {
     }
 }
 
-pub(super) fn write(out: &mut dyn Write, mesh: &PolygonMesh) -> io::Result<()> {
+pub(super) fn write(out: &mut dyn Write, surface: &SurfaceToWrite<'_>) -> io::Result<()> {
+    let mesh = surface.mesh;
     for p in &mesh.positions {
         writeln!(out, "v {} {} {}", p.x, p.y, p.z)?;
     }
@@ -186,6 +221,13 @@ pub(super) fn write(out: &mut dyn Write, mesh: &PolygonMesh) -> io::Result<()> {
             write!(out, " {}", u64::from(*v) + 1)?;
         }
         writeln!(out)?;
+    }
+    for Crease { edge, sharpness } in surface.creases {
+        let sharpness = sharpness.min(Crease::INFINITE);
+        writeln!(out, "t crease 2/1/0 {} {} {sharpness}", edge[0], edge[1])?;
+    }
+    for corner in surface.corners {
+        writeln!(out, "t corner 1/1/0 {corner} {}", Crease::INFINITE)?;
     }
     Ok(())
 }
@@ -232,6 +274,35 @@ mod tests {
         let draft = read(format!("{SQUARE}{SQUARE}f 1 2 3\nf 5 7 8").as_bytes()).unwrap();
         assert_eq!(draft.mesh.positions.len(), 4);
         assert_eq!(draft.mesh.face(1), [0, 2, 3]);
+    }
+
+    #[test]
+    fn tags_name_vertices_of_the_file() {
+        // The second square's vertices are merged into the first's.
+        let text = format!(
+            "t crease 2/1/0 4 5 2.5\nt interpolateboundary 1/0/0 2\nt corner 1/1/0 7 10\n\
+             t corner 1/1/0 0 0\n{SQUARE}{SQUARE}f 5 6 7 8"
+        );
+        let draft = read(text.as_bytes()).unwrap();
+        let [crease] = draft.creases[..] else {
+            panic!("{:?}", draft.creases)
+        };
+        assert_eq!((crease.edge, crease.sharpness), ([0, 1], 2.5));
+        assert_eq!(draft.sharp_corners, [3]);
+        for tag in [
+            "t crease 2/1/0 0 4 1",
+            "t crease 2/1/0 -1 1 1",
+            "t crease 2/1/0 0 1 -1",
+            "t crease 2/1/0 0 1 nan",
+            "t crease 2/1/0 0 1",
+            "t crease 3/1/0 0 1 2 1",
+            "t corner 1/1/0 1 2.5",
+            "t corner 1/1/0 x 10",
+        ] {
+            let text = format!("{SQUARE}f 1 2 3\n{tag}");
+            let defect = read(text.as_bytes()).err().unwrap();
+            assert_eq!(defect.place, "line 6", "{tag}: {defect:?}");
+        }
     }
 
     #[test]

@@ -5,13 +5,13 @@
 //! and a little of L² P. Its matrix has one
 //! 3×3 block for each pair of control points that share a patch. It is assembled patch by patch (a patch is what one
 //! control face becomes): first on the patch's vertices, then by their few rows of M, which takes far fewer
-//! operations than adding up outer products of footpoints. Conjugate gradients with 3×3 block-Jacobi preconditioning solve it.
+//! operations than adding up outer products of footpoints. [`super::normal_equations`] solves it.
 
+use super::normal_equations::{Pattern, split};
 use crate::energy::Smoothness;
 use crate::kernel::sparse::Csr;
 use crate::model::Model;
 use glam::{DMat3, DVec3};
-use rayon::prelude::*;
 
 /// What the squared Laplacian of the control mesh counts against the Laplacian of the surface, mean square against mean
 /// square. A limit surface hides waves from point to point of the control mesh almost wholly, so the surface's own
@@ -19,9 +19,6 @@ use rayon::prelude::*;
 /// the cage and the larger the error: the rms of the bunny with 1,538 points is 0.038 % without, 0.042 % with 1/256 and
 /// 0.047 % with 1/16.
 const CAGE: f64 = 1.0 / 512.0;
-
-/// Patches assembled in parallel before they are added up in order.
-const BATCH: usize = 256;
 
 /// Where a point of S should go.
 #[derive(Debug, Clone, Copy)]
@@ -60,17 +57,15 @@ pub(super) struct Weights {
 /// The pattern of the normal equations of a model; reused while the model stays.
 pub(super) struct LeastSquares {
     patches: Vec<Patch>,
-    /// `[control points + 1]` and `[blocks]`: the block pattern.
-    offsets: Vec<u32>,
-    columns: Vec<u32>,
+    pattern: Pattern,
     /// The patch of each triangle of S.
     patch_of: Vec<u32>,
 }
 
 /// One control face's part of the surface.
 struct Patch {
-    /// The control points that its vertices depend on, ascending.
-    support: Vec<u32>,
+    /// The number of control points that its vertices depend on: its support in the pattern.
+    support: usize,
     /// Its triangles, as local vertices; the first has this index.
     triangles: Vec<[u32; 3]>,
     first_triangle: u32,
@@ -78,8 +73,6 @@ struct Patch {
     rows: Vec<Vec<(u32, f64)>>,
     /// The rows of L M of the vertices that it owns, and of L² on the control mesh.
     smooth: Vec<SmoothRow>,
-    /// The place of each pair of the support in the block pattern.
-    places: Vec<u32>,
 }
 
 /// A row of the regularizer.
@@ -92,66 +85,28 @@ struct SmoothRow {
     entries: Vec<(u32, f64)>,
 }
 
-/// A symmetric matrix of 3×3 blocks and a right-hand side.
-struct System<'a> {
-    pattern: &'a LeastSquares,
-    blocks: Vec<DMat3>,
-    right: Vec<DVec3>,
-}
-
 impl LeastSquares {
     /// Analyses a model. `cage`: the squared Laplacian of its control mesh.
     pub fn new(model: &Model, smoothness: &Smoothness, cage: &Csr) -> Self {
         let control_points = model.matrix.column_count;
         let mut owner_taken = vec![false; model.matrix.row_count()];
         let mut patches: Vec<Patch> = Vec::new();
+        let mut supports = Vec::new();
         let mut first = 0;
         for group in model.patches.chunk_by(|a, b| a == b) {
             let triangles = &model.triangles[first..first + group.len()];
-            patches.push(Patch::new(
+            let (patch, support) = Patch::new(
                 model,
                 smoothness,
                 cage,
                 triangles,
                 first as u32,
                 &mut owner_taken,
-            ));
+            );
+            patches.push(patch);
+            supports.push(support);
             first += group.len();
         }
-        let mut pairs: Vec<u64> = patches
-            .iter()
-            .flat_map(|p| {
-                p.support.iter().flat_map(|&i| {
-                    p.support
-                        .iter()
-                        .map(move |&j| u64::from(i) << 32 | u64::from(j))
-                })
-            })
-            .collect();
-        pairs.par_sort_unstable();
-        pairs.dedup();
-        let mut offsets = vec![0u32; control_points + 1];
-        for &pair in &pairs {
-            offsets[(pair >> 32) as usize + 1] += 1;
-        }
-        for i in 0..control_points {
-            offsets[i + 1] += offsets[i];
-        }
-        let columns: Vec<u32> = pairs.iter().map(|&pair| pair as u32).collect();
-        patches.par_iter_mut().for_each(|p| {
-            p.places = p
-                .support
-                .iter()
-                .flat_map(|&i| {
-                    let begin = offsets[i as usize] as usize;
-                    let row = &columns[begin..offsets[i as usize + 1] as usize];
-                    p.support.iter().map(move |j| {
-                        let at = row.binary_search(j).expect("every pair is in the pattern");
-                        (begin + at) as u32
-                    })
-                })
-                .collect();
-        });
         let mut patch_of = vec![0; model.triangles.len()];
         for (k, p) in patches.iter().enumerate() {
             let begin = p.first_triangle as usize;
@@ -159,8 +114,7 @@ impl LeastSquares {
         }
         Self {
             patches,
-            offsets,
-            columns,
+            pattern: Pattern::new(supports, control_points),
             patch_of,
         }
     }
@@ -174,46 +128,18 @@ impl LeastSquares {
         control_points: &mut [DVec3],
         tolerance: f64,
     ) {
-        let system = self.assemble(footpoints, shape, weights, control_points.len());
-        system.conjugate_gradients(control_points, tolerance);
-    }
-
-    fn assemble(
-        &self,
-        footpoints: &[Footpoint],
-        shape: &Shape,
-        weights: Weights,
-        control_points: usize,
-    ) -> System<'_> {
         let (starts, order) = self.by_patch(footpoints);
         let smooth = Weights {
             normal: weights.normal / shape.normals.len() as f64,
             tangential: weights.tangential / shape.normals.len() as f64,
             sliding: weights.sliding,
         };
-        let mut system = System {
-            pattern: self,
-            blocks: vec![DMat3::ZERO; self.columns.len()],
-            right: vec![DVec3::ZERO; control_points],
-        };
-        for batch in (0..self.patches.len()).step_by(BATCH) {
-            let end = (batch + BATCH).min(self.patches.len());
-            let parts: Vec<(Vec<DMat3>, Vec<DVec3>)> = (batch..end)
-                .into_par_iter()
-                .map(|k| {
-                    let mine = &order[starts[k] as usize..starts[k + 1] as usize];
-                    let mine = mine.iter().map(|&f| &footpoints[f as usize]);
-                    self.patches[k].assemble(mine, shape, smooth)
-                })
-                .collect();
-            for (patch, (blocks, right)) in self.patches[batch..end].iter().zip(parts) {
-                patch.add_symmetric(&blocks, &mut system.blocks);
-                for (control, r) in patch.support.iter().zip(right) {
-                    system.right[*control as usize] += r;
-                }
-            }
-        }
-        system
+        let system = self.pattern.assemble(|k| {
+            let mine = &order[starts[k] as usize..starts[k + 1] as usize];
+            let mine = mine.iter().map(|&f| &footpoints[f as usize]);
+            self.patches[k].assemble(mine, shape, smooth)
+        });
+        system.conjugate_gradients(control_points, tolerance);
     }
 
     /// The footpoints sorted by patch, in their own order within one.
@@ -244,7 +170,7 @@ impl Patch {
         triangles: &[[u32; 3]],
         first_triangle: u32,
         owned: &mut [bool],
-    ) -> Self {
+    ) -> (Self, Vec<u32>) {
         let mut vertices: Vec<u32> = triangles.iter().flatten().copied().collect();
         vertices.sort_unstable();
         vertices.dedup();
@@ -273,7 +199,7 @@ impl Patch {
         let row = |entries: &mut dyn Iterator<Item = (u32, f64)>| -> Vec<(u32, f64)> {
             entries.map(|(c, v)| (local(&support, c), v)).collect()
         };
-        Self {
+        let patch = Self {
             triangles: triangles
                 .iter()
                 .map(|t| t.map(|v| local(&vertices, v)))
@@ -296,22 +222,9 @@ impl Patch {
                     entries: row(&mut cage.row(v as usize)),
                 }))
                 .collect(),
-            places: Vec::new(),
-            support,
-        }
-    }
-
-    /// Adds the patch's part of the matrix, given from the diagonal on, to the whole.
-    fn add_symmetric(&self, upper: &[DMat3], blocks: &mut [DMat3]) {
-        let n = self.support.len();
-        for i in 0..n {
-            blocks[self.places[i * n + i] as usize] += upper[i * n + i];
-            for j in i + 1..n {
-                let block = upper[i * n + j];
-                blocks[self.places[i * n + j] as usize] += block;
-                blocks[self.places[j * n + i] as usize] += block.transpose();
-            }
-        }
+            support: support.len(),
+        };
+        (patch, support)
     }
 
     /// The patch's part of the matrix, `[support, support]` from the diagonal on, and of the right-hand side.
@@ -321,7 +234,7 @@ impl Patch {
         shape: &Shape,
         weights: Weights,
     ) -> (Vec<DMat3>, Vec<DVec3>) {
-        let n = self.support.len();
+        let n = self.support;
         let mut blocks = vec![DMat3::ZERO; n * n];
         let mut right = vec![DVec3::ZERO; n];
         // Half way: rows are the patch's vertices, columns already control points.
@@ -372,91 +285,5 @@ impl Patch {
             }
         }
         (blocks, right)
-    }
-}
-
-/// along · n nᵀ + across · (I − n nᵀ).
-fn split(n: DVec3, along: f64, across: f64) -> DMat3 {
-    let outer = DMat3::from_cols(n * n.x, n * n.y, n * n.z);
-    DMat3::from_diagonal(DVec3::splat(across)) + outer * (along - across)
-}
-
-impl System<'_> {
-    fn apply(&self, x: &[DVec3]) -> Vec<DVec3> {
-        let LeastSquares {
-            offsets, columns, ..
-        } = self.pattern;
-        (0..x.len())
-            .into_par_iter()
-            .with_min_len(128)
-            .map(|i| {
-                let range = offsets[i] as usize..offsets[i + 1] as usize;
-                columns[range.clone()]
-                    .iter()
-                    .zip(&self.blocks[range])
-                    .fold(DVec3::ZERO, |sum, (&j, block)| sum + *block * x[j as usize])
-            })
-            .collect()
-    }
-
-    fn preconditioner(&self) -> Vec<DMat3> {
-        (0..self.right.len())
-            .map(|i| {
-                let begin = self.pattern.offsets[i] as usize;
-                let row = &self.pattern.columns[begin..self.pattern.offsets[i + 1] as usize];
-                let Ok(at) = row.binary_search(&(i as u32)) else {
-                    return DMat3::IDENTITY;
-                };
-                let block = self.blocks[begin + at];
-                let scale = block.x_axis.x + block.y_axis.y + block.z_axis.z;
-                // A control point that nothing pulls on stays where it is.
-                if block.determinant() > 1e-30 * scale * scale * scale {
-                    block.inverse()
-                } else {
-                    DMat3::IDENTITY
-                }
-            })
-            .collect()
-    }
-
-    /// Moves `x` towards the solution until the residual is `tolerance` of the first one.
-    fn conjugate_gradients(&self, x: &mut [DVec3], tolerance: f64) {
-        let inverse = self.preconditioner();
-        let dot =
-            |a: &[DVec3], b: &[DVec3]| -> f64 { a.iter().zip(b).map(|(a, b)| a.dot(*b)).sum() };
-        let mut r: Vec<DVec3> = self
-            .right
-            .iter()
-            .zip(self.apply(x))
-            .map(|(b, ax)| *b - ax)
-            .collect();
-        let precondition =
-            |r: &[DVec3]| -> Vec<DVec3> { r.iter().zip(&inverse).map(|(r, m)| *m * *r).collect() };
-        let mut z = precondition(&r);
-        let mut p = z.clone();
-        let mut rz = dot(&r, &z);
-        let goal = tolerance * tolerance * rz;
-        for _ in 0..500 {
-            if rz <= goal || rz <= 0.0 {
-                return;
-            }
-            let ap = self.apply(&p);
-            let curvature = dot(&p, &ap);
-            if curvature <= 0.0 {
-                return;
-            }
-            let alpha = rz / curvature;
-            for i in 0..x.len() {
-                x[i] += alpha * p[i];
-                r[i] -= alpha * ap[i];
-            }
-            z = precondition(&r);
-            let next = dot(&r, &z);
-            let beta = next / rz;
-            rz = next;
-            for (p, z) in p.iter_mut().zip(&z) {
-                *p = *z + beta * *p;
-            }
-        }
     }
 }

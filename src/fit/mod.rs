@@ -1,14 +1,22 @@
 //! The recipes: how energies, models and minimizers are put together into a fit.
 //!
 //! [`fit`] runs Voronoi squared distance minimization from coarse to fine (`voronoi`), then a least-squares polish
-//! (`polish`, on `least_squares`), and judges the result with code that the fit does not use ([`crate::measure`]).
+//! (`polish`, on `least_squares`, with its end in `peaks`). [`geometric`] fits Loop surfaces by closest points on the exact limit
+//! surface, [`fit_volume`] curved volumes. Results are judged with code that no fit uses ([`crate::measure`]).
 
+mod checkpoint;
+pub mod geometric;
 mod least_squares;
+mod normal_equations;
+mod peaks;
 mod polish;
 mod start;
 mod target;
+mod volume;
 mod voronoi;
 
+pub use checkpoint::{Checkpoint, Checkpoints};
 pub use start::Template;
 pub use target::{Place, Samples, Target, TargetPoint};
-pub use voronoi::{Fit, Iteration, Options, Start, StopReason, fit};
+pub use volume::{VolumeFit, VolumeOptions, VolumeStart, VolumeTemplate, fit_volume};
+pub use voronoi::{Fit, Iteration, Options, Start, StopReason, Terms, fit, fit_with_checkpoints};

@@ -25,6 +25,11 @@ pub enum Template {
         /// Control points at the end of the fit, as nearly as the grid allows.
         control_points: usize,
     },
+    /// The target with its holes bridged, simplified by the quadric error metric: triangles. It is fitted as it is, without subdivision.
+    Simplified {
+        /// Control points.
+        control_points: usize,
+    },
     /// A control mesh of the user's own. It is fitted as it is, without subdivision.
     Mesh {
         /// The mesh.
@@ -41,14 +46,13 @@ impl Start {
     /// into triangles.
     ///
     /// # Errors
-    /// As [`template::torus`] and [`template::placed`].
+    /// As [`template::torus`], [`template::simplified`] and [`template::placed`].
     pub fn new(target: &Target, template: &Template, scheme: Scheme) -> Result<Self> {
-        let bounds = target.mesh.bounding_box().unwrap_or_default();
         let (mut control, subdivisions) = match template {
             Template::BoundingBox { control_points } => {
                 // On a sphere V grows to 4 V − 6: by quads as by triangles, V − 2 is multiplied by four.
                 let (count, subdivisions) = coarsest(*control_points, 2);
-                let (lo, hi) = bounds;
+                let (lo, hi) = target.mesh.bounding_box().unwrap_or_default();
                 (template::bounding_box(lo, hi, count), subdivisions)
             }
             Template::Torus {
@@ -60,12 +64,15 @@ impl Start {
                 let axis = in_unit_frame(*axis, target);
                 (template::torus(&target.mesh, axis, count)?, subdivisions)
             }
+            Template::Simplified { control_points } => {
+                (template::simplified(&target.mesh, *control_points)?, 0)
+            }
             Template::Mesh { control, align } => {
                 let mut control = control.clone();
                 for p in &mut control.mesh.positions {
                     *p = target.frame.to_unit(*p);
                 }
-                (template::placed(&control, *align, bounds)?, 0)
+                (template::placed(&control, *align, &target.mesh)?, 0)
             }
         };
         if scheme == Scheme::Loop {

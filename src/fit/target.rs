@@ -141,6 +141,14 @@ impl Target {
         }
     }
 
+    /// The vertices of the full target.
+    pub fn vertices(&self) -> Samples {
+        let normals = self.mesh.vertex_normals();
+        let used = self.mesh.positions.iter().zip(normals);
+        let (positions, normals) = used.filter(|(_, n)| *n != DVec3::ZERO).unzip();
+        Samples { positions, normals }
+    }
+
     fn position(&self, point: &SurfacePoint) -> DVec3 {
         point.position(self.mesh.corners(point.triangle as usize))
     }

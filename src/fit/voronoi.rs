@@ -6,6 +6,7 @@
 //! surface as it is. Far phases see a decimated target and an isotropic metric. Then either the least-squares
 //! [polish](super::polish) finishes, or, as in the paper, the anisotropic energies with falling λ do.
 
+use super::checkpoint::{Checkpoint, Checkpoints, fingerprint};
 use super::polish::Polish;
 use super::target::Target;
 use crate::device::Device;
@@ -13,10 +14,12 @@ use crate::energy::{Smoothness, laplacian};
 use crate::error::{Error, Result};
 use crate::kernel::restricted_voronoi::Metric;
 use crate::kernel::vsdm::{MovingSide, Vsdm};
+use crate::measure::Figures;
 use crate::mesh::{Connectivity, ControlMesh, PolygonMesh, Scheme};
 use crate::model::{self, Model};
 use crate::optimize::{Lbfgs, Stop};
 use crate::progress::{Event, Progress};
+use std::borrow::Cow;
 use std::time::Instant;
 
 /// (λ, iterations) of the phases up to the polish.
@@ -108,12 +111,12 @@ pub struct Start {
 }
 
 /// One iteration of a phase.
-#[derive(Debug, Clone, Default, PartialEq, serde::Serialize)]
+#[derive(Debug, Clone, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Iteration {
     /// Counted from 1 through all phases.
     pub iteration: usize,
-    /// The phase, as "voronoi" or "polish".
-    pub phase: &'static str,
+    /// The phase, as "voronoi", "polish" or "geometric".
+    pub phase: Cow<'static, str>,
     /// Control points at the time.
     pub control_points: usize,
     /// The objective; in the polish the mean squared distance of the footpoints. Unit frame, squared.
@@ -127,19 +130,33 @@ pub struct Iteration {
     /// The largest distance seen, in percent of the diagonal.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub max_percent: Option<f64>,
+    /// The root mean square distance.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rms_percent: Option<f64>,
+    /// The mean distance.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mean_percent: Option<f64>,
     /// Since the start of the fit.
     pub seconds: f64,
 }
 
-/// The terms of the Voronoi objective.
-#[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize)]
+/// The terms of the objective.
+#[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Terms {
     /// F_T→S / A_T.
     pub target_to_surface: f64,
     /// F_S→T / A_T.
     pub surface_to_target: f64,
-    /// λ R.
+    /// λ R of surfaces.
+    #[serde(default, skip_serializing_if = "is_zero")]
     pub smoothness: f64,
+    /// λ E_Ω of volumes.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub distortion: f64,
+}
+
+fn is_zero(x: &f64) -> bool {
+    *x == 0.0
 }
 
 /// Why a fit ended.
@@ -152,6 +169,10 @@ pub enum StopReason {
     Schedule,
     /// The asked number of iterations is used up.
     Iterations,
+    /// Nothing gets better any more.
+    Stagnation,
+    /// The most control points that were allowed are not enough for the asked tolerance.
+    ControlPoints,
     /// Somebody asked to stop; the result is the best so far.
     Interrupted,
 }
@@ -165,6 +186,8 @@ pub struct Fit {
     pub surface: PolygonMesh,
     /// Every iteration.
     pub iterations: Vec<Iteration>,
+    /// The distances of the data points from the limit surface, where they were all measured exactly (the geometric method).
+    pub data_error: Option<Figures>,
     /// Seconds by stage, in the order they ran.
     pub stages: Vec<(String, f64)>,
     /// Why it ended.
@@ -183,11 +206,41 @@ pub fn fit(
     options: &Options,
     progress: &dyn Progress,
 ) -> Result<Fit> {
+    fit_with_checkpoints(
+        device,
+        target,
+        start,
+        options,
+        progress,
+        Checkpoints::default(),
+    )
+}
+
+/// Like [`fit`], going on from a checkpoint or leaving some. Resumed, it ends with the bits of the fit that was not interrupted.
+///
+/// # Errors
+/// As [`fit`], and where the checkpoint is of another fit or none can be written.
+pub fn fit_with_checkpoints(
+    device: &Device,
+    target: &Target,
+    start: Start,
+    options: &Options,
+    progress: &dyn Progress,
+    mut checkpoints: Checkpoints,
+) -> Result<Fit> {
+    let fingerprint = fingerprint(target, &start, options);
+    if let Some(checkpoint) = &checkpoints.resume {
+        checkpoint.check(fingerprint)?;
+    }
+    checkpoints.resume.take_if(|c| c.phases == 0);
     let mut run = Run {
         device,
         target,
         options,
         progress,
+        checkpoints,
+        fingerprint,
+        phases: 0,
         control: start.control,
         iterations: Vec::new(),
         stages: Vec::new(),
@@ -200,6 +253,9 @@ pub fn fit(
         &FROM_AFAR
     };
     run.all_stages(start.subdivisions, schedule)?;
+    if let Some(checkpoint) = run.checkpoints.resume {
+        return Err(checkpoint.damaged("phases", "there are fewer phases in the fit"));
+    }
     let model = run.model()?;
     let surface = model.surface(&run.control.mesh.positions);
     if surface.positions.iter().any(|p| !p.is_finite()) {
@@ -212,6 +268,7 @@ pub fn fit(
         control: run.control,
         surface,
         iterations: run.iterations,
+        data_error: None,
         stages: run.stages,
         stop_reason: run.ended.unwrap_or(StopReason::Schedule),
     })
@@ -222,6 +279,10 @@ struct Run<'a> {
     target: &'a Target,
     options: &'a Options,
     progress: &'a dyn Progress,
+    checkpoints: Checkpoints,
+    fingerprint: u64,
+    /// Phases done.
+    phases: usize,
     control: ControlMesh,
     iterations: Vec<Iteration>,
     stages: Vec<(String, f64)>,
@@ -231,6 +292,7 @@ struct Run<'a> {
 
 impl Run<'_> {
     fn all_stages(&mut self, subdivisions: usize, schedule: &Schedule) -> Result<()> {
+        self.save()?;
         self.voronoi("far", schedule.far, Metric::ISOTROPIC)?;
         for left in (0..subdivisions).rev() {
             self.control = model::subdivide(&self.control, self.options.scheme)?;
@@ -258,6 +320,51 @@ impl Run<'_> {
         Ok(())
     }
 
+    /// Whether the next phase is to be run: not once the fit has ended, and not where the checkpoint has it done.
+    fn begins_phase(&mut self) -> Result<bool> {
+        if self.ended.is_some() {
+            return Ok(false);
+        }
+        let done = self.checkpoints.resume.as_ref().map_or(0, |c| c.phases);
+        if self.phases >= done {
+            return Ok(true);
+        }
+        self.phases += 1;
+        if self.phases == done
+            && let Some(checkpoint) = self.checkpoints.resume.take()
+        {
+            self.control.mesh.positions = checkpoint.positions_for(self.points())?;
+            self.iterations = checkpoint.iterations;
+            self.stages = checkpoint.stages;
+        }
+        Ok(false)
+    }
+
+    /// Counts a phase that has run to its end.
+    fn end_phase(&mut self, stage: String, begun: Instant) -> Result<()> {
+        self.stages.push((stage, begun.elapsed().as_secs_f64()));
+        if self.ended.is_none() {
+            self.phases += 1;
+            self.save()?;
+        }
+        Ok(())
+    }
+
+    /// Leaves a checkpoint, unless it would tell less than the one that is to be resumed.
+    fn save(&self) -> Result<()> {
+        match &self.checkpoints.file {
+            Some(path) if self.checkpoints.resume.is_none() => Checkpoint::new(
+                self.fingerprint,
+                self.phases,
+                &self.control.mesh.positions,
+                &self.iterations,
+                &self.stages,
+            )
+            .write(path),
+            _ => Ok(()),
+        }
+    }
+
     fn points(&self) -> usize {
         self.control.mesh.positions.len()
     }
@@ -280,7 +387,7 @@ impl Run<'_> {
 
     /// Minimizes the Voronoi objective for each (λ, iterations) of a schedule.
     fn voronoi(&mut self, name: &str, schedule: &[(f64, usize)], metric: Metric) -> Result<()> {
-        if self.ended.is_some() {
+        if !self.begins_phase()? {
             return Ok(());
         }
         let begun = Instant::now();
@@ -306,8 +413,7 @@ impl Run<'_> {
                 break;
             }
         }
-        self.stages.push((stage, begun.elapsed().as_secs_f64()));
-        Ok(())
+        self.end_phase(stage, begun)
     }
 
     fn minimize(
@@ -337,6 +443,7 @@ impl Run<'_> {
                     target_to_surface: evaluation.target_to_surface,
                     surface_to_target: evaluation.surface_to_target,
                     smoothness: weight * r,
+                    distortion: 0.0,
                 };
                 last.set(parts);
                 let value = parts.target_to_surface + parts.surface_to_target + parts.smoothness;
@@ -351,13 +458,13 @@ impl Run<'_> {
             |it| {
                 self.iterations.push(Iteration {
                     iteration: self.iterations.len() + 1,
-                    phase: "voronoi",
+                    phase: "voronoi".into(),
                     control_points,
                     energy: it.value,
                     terms: Some(last.get()),
                     gradient_norm: Some(it.gradient_norm),
-                    max_percent: None,
                     seconds: self.started.elapsed().as_secs_f64(),
+                    ..Iteration::default()
                 });
                 self.progress.event(Event::Step {
                     done: done_before + it.iteration,
@@ -377,7 +484,7 @@ impl Run<'_> {
 
     /// Runs the least-squares polish on the present control mesh.
     fn polish(&mut self) -> Result<()> {
-        if self.ended.is_some() {
+        if !self.begins_phase()? {
             return Ok(());
         }
         let begun = Instant::now();
@@ -403,13 +510,12 @@ impl Run<'_> {
         let outcome = polish.run(&mut positions, |step| {
             self.iterations.push(Iteration {
                 iteration: self.iterations.len() + 1,
-                phase: "polish",
+                phase: "polish".into(),
                 control_points,
                 energy: step.mean_square,
-                terms: None,
-                gradient_norm: None,
                 max_percent: Some(100.0 * step.max),
                 seconds: self.started.elapsed().as_secs_f64(),
+                ..Iteration::default()
             });
             self.progress.event(Event::Step {
                 done: step.done,
@@ -430,7 +536,7 @@ impl Run<'_> {
             self.ended.is_none()
         });
         self.control.mesh.positions = positions;
-        self.stages.push((stage, begun.elapsed().as_secs_f64()));
-        outcome
+        outcome?;
+        self.end_phase(stage, begun)
     }
 }

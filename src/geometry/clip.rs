@@ -13,6 +13,9 @@ use glam::DVec3;
 /// The side of a triangle that no bisector made.
 pub const SIDE: u32 = u32::MAX;
 
+/// The largest number less than zero: what is greater is at least zero.
+const BELOW_ZERO: f64 = -f64::from_bits(1);
+
 /// ∫ over a polygon in the (u, v) plane.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Moments {
@@ -65,8 +68,7 @@ pub struct BisectorEdge {
 pub struct Clipper {
     /// Squared distances of the candidates to the three corners.
     distances: Vec<[f64; 3]>,
-    polygon: Vec<Vertex>,
-    scratch: Vec<Vertex>,
+    polygon: Polygon,
     edges: Vec<BisectorEdge>,
 }
 
@@ -97,7 +99,7 @@ impl Clipper {
                 Cell::Empty => {}
                 Cell::Whole => emit(seed, &Moments::WHOLE, &[]),
                 Cell::Cut => {
-                    let moments = moments(&self.polygon);
+                    let moments = moments(&self.polygon.vertices);
                     self.edges.clear();
                     if want_edges {
                         self.collect_edges();
@@ -118,8 +120,8 @@ impl Clipper {
             }
             let f = [qj[0] - qi[0], qj[1] - qi[1], qj[2] - qi[2]];
             let tie_is_ours = candidates[i] < candidates[j];
-            let ours = |f: f64| f > 0.0 || (f == 0.0 && tie_is_ours);
-            let inside = f.map(ours);
+            let beyond = if tie_is_ours { BELOW_ZERO } else { 0.0 };
+            let inside = f.map(|f| f > beyond);
             if inside == [true; 3] {
                 continue;
             }
@@ -128,17 +130,10 @@ impl Clipper {
             }
             if cell == Cell::Whole {
                 cell = Cell::Cut;
-                self.polygon.clear();
-                self.polygon
-                    .extend([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)].map(|(u, v)| Vertex {
-                        u,
-                        v,
-                        label: SIDE,
-                    }));
+                self.polygon.make_whole();
             }
-            cut(&self.polygon, &mut self.scratch, f, candidates[j], ours);
-            std::mem::swap(&mut self.polygon, &mut self.scratch);
-            if self.polygon.len() < 3 {
+            self.polygon.cut(f, candidates[j], beyond);
+            if self.polygon.vertices.is_empty() {
                 return Cell::Empty;
             }
         }
@@ -146,9 +141,10 @@ impl Clipper {
     }
 
     fn collect_edges(&mut self) {
-        for (k, a) in self.polygon.iter().enumerate() {
+        let polygon = &self.polygon.vertices;
+        for (k, a) in polygon.iter().enumerate() {
             if a.label != SIDE {
-                let b = self.polygon[(k + 1) % self.polygon.len()];
+                let b = polygon[(k + 1) % polygon.len()];
                 self.edges.push(BisectorEdge {
                     other: a.label,
                     ends: [[a.u, a.v], [b.u, b.v]],
@@ -165,41 +161,85 @@ enum Cell {
     Cut,
 }
 
-/// Keeps the part of a convex polygon where the affine function with values `f` at the triangle's corners is ours.
-fn cut(
-    polygon: &[Vertex],
-    kept: &mut Vec<Vertex>,
-    f: [f64; 3],
-    label: u32,
-    ours: impl Fn(f64) -> bool,
-) {
-    kept.clear();
-    let value = |p: &Vertex| f[0] + p.u * (f[1] - f[0]) + p.v * (f[2] - f[0]);
-    let Some(last) = polygon.last() else { return };
-    let (mut a, mut fa) = (last, value(last));
-    let mut a_ours = ours(fa);
-    for b in polygon {
-        let fb = value(b);
-        let b_ours = ours(fb);
-        if a_ours != b_ours {
-            // The same expression from both sides of the bisector, so that neighbouring cells share the cut vertex.
-            let (p, q, fp, fq) = if a_ours {
-                (a, b, fa, fb)
+/// A convex polygon of the (u, v) plane.
+#[derive(Debug, Default)]
+struct Polygon {
+    /// Counter-clockwise.
+    vertices: Vec<Vertex>,
+    scratch: Vec<Vertex>,
+    /// The function of a bisector at the vertices.
+    values: Vec<f64>,
+}
+
+impl Polygon {
+    /// Becomes the whole triangle.
+    fn make_whole(&mut self) {
+        self.vertices.clear();
+        let corners = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)];
+        self.vertices
+            .extend(corners.map(|(u, v)| Vertex { u, v, label: SIDE }));
+    }
+
+    /// Keeps the part of the polygon where the affine function with values `f` at the triangle's corners is greater than `beyond`;
+    /// no vertices where there is none.
+    ///
+    /// The polygon is convex, so it leaves our side once and comes back once. Both places are found without branches, which
+    /// could not be predicted.
+    fn cut(&mut self, f: [f64; 3], label: u32, beyond: f64) {
+        let [f1, f2] = [f[1] - f[0], f[2] - f[0]];
+        let value = |p: &Vertex| f[0] + p.u * f1 + p.v * f2;
+        self.values.clear();
+        self.values.extend(self.vertices.iter().map(value));
+        let count = self.values.len();
+        let mut last = count - 1;
+        let mut last_ours = self.values[last] > beyond;
+        // The vertex before the last turn from one side (first index) to another.
+        let mut before_turn = [[0; 2]; 2];
+        let mut inside = 0;
+        for (k, &value) in self.values.iter().enumerate() {
+            let ours = value > beyond;
+            inside += usize::from(ours);
+            before_turn[usize::from(last_ours)][usize::from(ours)] = last;
+            (last, last_ours) = (k, ours);
+        }
+        let (leaving, entering) = (before_turn[1][0], before_turn[0][1]);
+        if inside == count {
+            return;
+        }
+        self.scratch.clear();
+        if inside > 0 {
+            let next = |k: usize| if k + 1 == count { 0 } else { k + 1 };
+            let first = next(entering);
+            let kept = 1 + if leaving < first {
+                leaving + count
             } else {
-                (b, a, fb, fa)
-            };
-            let t = fp / (fp - fq);
-            kept.push(Vertex {
-                u: p.u + t * (q.u - p.u),
-                v: p.v + t * (q.v - p.v),
-                // Leaving our side, the edge that follows is the bisector; entering it, the rest of the old edge.
-                label: if a_ours { label } else { a.label },
-            });
+                leaving
+            } - first;
+            let vertices = &self.vertices;
+            let mut k = entering;
+            self.scratch.extend((0..kept).map(|_| {
+                k = next(k);
+                vertices[k]
+            }));
+            self.scratch
+                .push(self.crossing(leaving, next(leaving), label));
+            self.scratch
+                .push(self.crossing(first, entering, self.vertices[entering].label));
         }
-        if b_ours {
-            kept.push(*b);
+        std::mem::swap(&mut self.vertices, &mut self.scratch);
+    }
+
+    /// Where the edge from vertex `p`, on our side, to vertex `q` crosses the bisector. The same expression from both sides of the
+    /// bisector, so that neighbouring cells share the vertex.
+    fn crossing(&self, p: usize, q: usize, label: u32) -> Vertex {
+        let (fp, fq) = (self.values[p], self.values[q]);
+        let (p, q) = (&self.vertices[p], &self.vertices[q]);
+        let t = fp / (fp - fq);
+        Vertex {
+            u: p.u + t * (q.u - p.u),
+            v: p.v + t * (q.v - p.v),
+            label,
         }
-        (a, fa, a_ours) = (b, fb, b_ours);
     }
 }
 

@@ -2,10 +2,12 @@
 
 pub mod bvh;
 pub mod clip;
+pub mod distortion;
 pub mod eigen;
 pub mod morton;
 pub mod random;
 pub mod triangle;
 pub mod triangle_tree;
+pub mod vector;
 
 pub use bvh::{Bvh, ClosestPoint};

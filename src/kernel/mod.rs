@@ -6,6 +6,8 @@ mod candidate_search;
 pub mod candidates;
 pub mod closest_point;
 pub mod differentiated_voronoi;
+pub mod element_energy;
+pub mod limit_surface;
 pub mod restricted_voronoi;
 mod seed_tree;
 pub mod slots;
@@ -56,11 +58,17 @@ pub trait Kernel {
 pub const SHADERS: &[&Shader] = &[
     &candidates::SHADER,
     &closest_point::SHADER,
+    &limit_surface::SHADER,
     &restricted_voronoi::SHADER,
     &differentiated_voronoi::SHADER,
     &slots::SHADER,
     &sum::SHADER,
     &sparse::SHADER,
+    &element_energy::HEXAHEDRON,
+    &element_energy::PRISM,
+    &element_energy::DENSE,
+    &element_energy::COLLAPSED,
+    &element_energy::BASIS,
 ];
 
 /// The largest of some ratios `error / scale`; 0 / 0 counts as 0, and what is not a number as infinite.

@@ -89,7 +89,7 @@ impl Csr {
     }
 
     /// The rows of all parts, one part below the other.
-    fn stack(parts: &[Self], column_count: usize) -> Self {
+    pub(crate) fn stack(parts: &[Self], column_count: usize) -> Self {
         let entry_count = parts.iter().map(|p| p.columns.len()).sum();
         let mut matrix = Self {
             offsets: vec![0],

@@ -1,9 +1,14 @@
-//! How far surfaces are apart: sampled figures, and an interval that is certain to hold the Hausdorff distance.
+//! How far surfaces are apart: sampled figures, and an interval that is certain to hold the Hausdorff distance. How good the elements of a
+//! volume are: scaled Jacobians, and certificates that they are nowhere inverted.
 
+mod chebyshev;
 pub mod distance;
 mod hausdorff;
 mod sampling;
+pub mod scaled_jacobian;
 pub mod surface_error;
+mod truncation;
+pub mod validity;
 
 pub use distance::{Comparison, Options, compare};
 pub use hausdorff::Interval;

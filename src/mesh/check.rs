@@ -54,6 +54,30 @@ pub fn sound(mesh: &PolygonMesh) -> Result<(), Defect> {
             (lo, hi) = (lo.min(p), hi.max(p));
         }
     }
+    check_extent(lo, hi)
+}
+
+/// Whether a cloud of points can be computed with: at least one, finite coordinates, a bounding box with an extent.
+///
+/// # Errors
+/// The first point that is wrong, counted from 0.
+pub fn sound_points(points: &[DVec3]) -> Result<(), Defect> {
+    if points.is_empty() {
+        return Err(Defect::new("points", "there are none", "give some"));
+    }
+    if let Some(k) = points.iter().position(|p| !p.is_finite()) {
+        return Err(Defect::new(
+            format!("point {k} (counted from 0)"),
+            "its coordinates are not finite",
+            "remove the point",
+        ));
+    }
+    let lo = points.iter().fold(DVec3::INFINITY, |lo, &p| lo.min(p));
+    let hi = points.iter().fold(DVec3::NEG_INFINITY, |hi, &p| hi.max(p));
+    check_extent(lo, hi)
+}
+
+fn check_extent(lo: DVec3, hi: DVec3) -> Result<(), Defect> {
     let diagonal = (hi - lo).length();
     if !(diagonal > 0.0 && diagonal.is_finite()) {
         return Err(Defect::new(

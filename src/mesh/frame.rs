@@ -19,12 +19,28 @@ impl Frame {
     /// # Errors
     /// Where the target has no triangle or a bounding box without extent.
     pub fn of(target: &TriangleMesh) -> Result<Self> {
-        let Some((lo, hi)) = target.bounding_box() else {
+        let Some(bounds) = target.bounding_box() else {
             return Err(Error::input(
                 "the target has no triangles",
                 "give a mesh with faces",
             ));
         };
+        Self::of_box(bounds)
+    }
+
+    /// The frame of a cloud of points.
+    ///
+    /// # Errors
+    /// Where there are none, or all of them coincide.
+    pub fn of_points(points: &[DVec3]) -> Result<Self> {
+        let grow = |(lo, hi): (DVec3, DVec3), p: &DVec3| (lo.min(*p), hi.max(*p));
+        let Some(&first) = points.first() else {
+            return Err(Error::input("the target has no points", "give some"));
+        };
+        Self::of_box(points.iter().fold((first, first), grow))
+    }
+
+    fn of_box((lo, hi): (DVec3, DVec3)) -> Result<Self> {
         let diagonal = (hi - lo).length();
         if !(diagonal > 0.0 && diagonal.is_finite()) {
             return Err(Error::input(

@@ -123,6 +123,11 @@ pub struct ControlMesh {
     pub corners: Vec<u32>,
 }
 
+impl Crease {
+    /// From this sharpness on an edge or a corner stays sharp on every level, in files as in OpenSubdiv and USD.
+    pub const INFINITE: f64 = 10.0;
+}
+
 impl From<PolygonMesh> for ControlMesh {
     fn from(mesh: PolygonMesh) -> Self {
         Self {

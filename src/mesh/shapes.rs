@@ -70,6 +70,24 @@ pub fn sphere(radius: f64, levels: usize) -> TriangleMesh {
     mesh
 }
 
+/// A lobed ball around the origin that is smooth and star-shaped, as an icosahedron split `levels` times; a radial surface
+/// |p| = r(p/|p|), see [`lobed_radius`].
+pub fn lobed_ball(levels: usize) -> TriangleMesh {
+    let mut mesh = sphere(1.0, levels);
+    for p in &mut mesh.positions {
+        *p *= lobed_radius(*p);
+    }
+    mesh
+}
+
+/// The radius of the [`lobed_ball`] in the direction of a unit vector (x, y, z):
+/// 1 + ¼ (x⁴ + y⁴ + z⁴ − 0.6) + ¾ xyz + 0.1 z (1 − 3 x²).
+pub fn lobed_radius(direction: DVec3) -> f64 {
+    let DVec3 { x, y, z } = direction;
+    let fourth = (direction * direction).length_squared();
+    1.0 + 0.25 * (fourth - 0.6) + 0.75 * x * y * z + 0.1 * z * (1.0 - 3.0 * x * x)
+}
+
 fn icosahedron() -> TriangleMesh {
     let golden = 0.5 * (1.0 + 5f64.sqrt());
     let mut positions = Vec::new();

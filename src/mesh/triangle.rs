@@ -28,6 +28,18 @@ impl TriangleMesh {
             .sum()
     }
 
+    /// Area-weighted unit normals at the vertices; zero where the faces around one cancel or there are none.
+    pub fn vertex_normals(&self) -> Vec<DVec3> {
+        let mut normals = vec![DVec3::ZERO; self.positions.len()];
+        for (t, corners) in self.triangles.iter().enumerate() {
+            let area_vector = self.area_vector(t);
+            for &v in corners {
+                normals[v as usize] += area_vector;
+            }
+        }
+        normals.iter().map(|n| n.normalize_or_zero()).collect()
+    }
+
     /// Minimum and maximum corner of the bounding box of the referenced vertices; `None` without triangles.
     pub fn bounding_box(&self) -> Option<(DVec3, DVec3)> {
         let mut points = self

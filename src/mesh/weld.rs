@@ -7,6 +7,11 @@ use glam::DVec3;
 /// no tolerance, because a tolerance that suits one scan destroys the details of another. Faces that lose a corner's distinctness stay,
 /// as degenerate faces; vertices without faces stay too. Cost O(n).
 pub fn weld(mesh: &PolygonMesh) -> PolygonMesh {
+    welded(mesh).0
+}
+
+/// Like [`weld`], with the new index of every vertex.
+pub(crate) fn welded(mesh: &PolygonMesh) -> (PolygonMesh, Vec<u32>) {
     let first = equal_positions(&mesh.positions);
     let mut positions: Vec<DVec3> = Vec::with_capacity(mesh.positions.len());
     let mut merged: Vec<u32> = Vec::with_capacity(mesh.positions.len());
@@ -25,7 +30,7 @@ pub fn weld(mesh: &PolygonMesh) -> PolygonMesh {
         corners.extend(face.iter().map(|&v| merged[v as usize]));
         welded.push_face(&corners);
     }
-    welded
+    (welded, merged)
 }
 
 /// For each position the index of the first one equal to it; 0 and −0 are equal.

@@ -2,11 +2,16 @@
 //!
 //! A [`Model`] is made once for a control mesh; during a fit only P moves. Rows of M come from subdividing the unit vectors of the control
 //! points, one sparse product a level, and by choice the last level is pushed to the limit surface. Gradients go back as Mᵀ.
+//! [`limit_surface`] evaluates the limit surface itself at any parameter. [`element`] and [`volume`] are curved volumes, whose boundary is
+//! of the form M P too.
 
+pub mod element;
 mod limit;
+pub mod limit_surface;
 mod refinement;
 #[cfg(test)]
 mod tests;
+pub mod volume;
 
 use crate::error::{Error, Result};
 use crate::kernel::sparse::Csr;

@@ -17,9 +17,6 @@ use crate::error::{Error, Result};
 use crate::kernel::sparse::Csr;
 use crate::mesh::{Connectivity, ControlMesh, Crease};
 
-/// OpenSubdiv's and USD's convention: an edge this sharp is sharp for ever.
-const INFINITE_SHARPNESS: f64 = 10.0;
-
 /// No half-edge, no edge.
 const NONE: u32 = u32::MAX;
 
@@ -422,7 +419,7 @@ fn edge_sharpness(mesh: &Connectivity, creases: &[Crease]) -> Result<Vec<f64>> {
             ));
         }
         let levels = match crease.sharpness {
-            s if s >= INFINITE_SHARPNESS => f64::INFINITY,
+            s if s >= Crease::INFINITE => f64::INFINITY,
             s => s,
         };
         let edge = &mut sharpness[e as usize];

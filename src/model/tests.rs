@@ -3,11 +3,11 @@
 use super::*;
 use crate::geometry::random::Random;
 
-fn control(positions: Vec<DVec3>, faces: Vec<Vec<u32>>) -> ControlMesh {
+pub(super) fn control(positions: Vec<DVec3>, faces: Vec<Vec<u32>>) -> ControlMesh {
     PolygonMesh::from_faces(positions, faces).into()
 }
 
-fn scattered(n: usize) -> Vec<DVec3> {
+pub(super) fn scattered(n: usize) -> Vec<DVec3> {
     let mut random = Random::new(n as u64);
     let mut coordinate = || random.between(-1.0, 1.0);
     (0..n)
@@ -16,14 +16,14 @@ fn scattered(n: usize) -> Vec<DVec3> {
 }
 
 /// Quads around vertex 0, which is of valence `n`; open.
-fn quad_fan(n: u32) -> ControlMesh {
+pub(super) fn quad_fan(n: u32) -> ControlMesh {
     let ring = |k: u32| 1 + k % (2 * n);
     let faces = (0..n).map(|i| vec![0, ring(2 * i), ring(2 * i + 1), ring(2 * i + 2)]);
     control(scattered(2 * n as usize + 1), faces.collect())
 }
 
 /// Kites around two poles of valence `n`; the other vertices have valence 3. Closed.
-fn trapezohedron(n: u32) -> ControlMesh {
+pub(super) fn trapezohedron(n: u32) -> ControlMesh {
     let ring = |k: u32| 2 + k % (2 * n);
     let top = (0..n).map(|i| vec![0, ring(2 * i), ring(2 * i + 1), ring(2 * i + 2)]);
     let bottom = (0..n).map(|i| vec![1, ring(2 * i + 3), ring(2 * i + 2), ring(2 * i + 1)]);
@@ -31,7 +31,7 @@ fn trapezohedron(n: u32) -> ControlMesh {
 }
 
 /// Triangles around two poles of valence `n`; the other vertices have valence 4. Closed.
-fn bipyramid(n: u32) -> ControlMesh {
+pub(super) fn bipyramid(n: u32) -> ControlMesh {
     let ring = |k: u32| 2 + k % n;
     let top = (0..n).map(|i| vec![0, ring(i), ring(i + 1)]);
     let bottom = (0..n).map(|i| vec![1, ring(i + 1), ring(i)]);
@@ -46,7 +46,7 @@ fn prism(n: u32) -> ControlMesh {
 }
 
 /// A grid of unit squares, `n` points a side, with random heights; `triangles` cuts each into two.
-fn grid(n: u32, triangles: bool) -> ControlMesh {
+pub(super) fn grid(n: u32, triangles: bool) -> ControlMesh {
     let mut positions = scattered((n * n) as usize);
     for (i, p) in positions.iter_mut().enumerate() {
         (p.x, p.y) = (f64::from(i as u32 % n), f64::from(i as u32 / n));
@@ -64,7 +64,7 @@ fn grid(n: u32, triangles: bool) -> ControlMesh {
     control(positions, faces)
 }
 
-fn crease(a: u32, b: u32, sharpness: f64) -> Crease {
+pub(super) fn crease(a: u32, b: u32, sharpness: f64) -> Crease {
     Crease {
         edge: [a, b],
         sharpness,
@@ -77,7 +77,7 @@ fn positions(control: &ControlMesh, scheme: Scheme, levels: usize, limit: bool) 
     model.positions(&control.mesh.positions)
 }
 
-fn largest_distance(a: &[DVec3], b: &[DVec3]) -> f64 {
+pub(super) fn largest_distance(a: &[DVec3], b: &[DVec3]) -> f64 {
     let distances = a.iter().zip(b).map(|(a, b)| (*a - *b).length());
     distances.fold(0.0, f64::max)
 }

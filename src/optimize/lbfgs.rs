@@ -1,4 +1,5 @@
-//! Limited-memory BFGS (Liu & Nocedal 1989), the two-loop recursion with the last `memory` pairs.
+//! Limited-memory BFGS (Liu & Nocedal 1989), the two-loop recursion with the last `memory` pairs, around an approximation of
+//! the inverse Hessian where the caller has one.
 
 use super::line_search::{self, Sample};
 use glam::DVec3;
@@ -15,6 +16,15 @@ pub struct Lbfgs {
     pub decrease: f64,
     /// The length of the very first step, as the largest motion of a point.
     pub first_step: f64,
+}
+
+/// What the caller knows of the curvature of a function.
+#[derive(Clone, Copy)]
+pub struct Curvature<'a> {
+    /// g ↦ H₀ g with H₀ symmetric, positive definite and near the inverse of the Hessian; only its scale is corrected.
+    pub inverse: &'a dyn Fn(&[DVec3]) -> Vec<DVec3>,
+    /// Stationary: stop where gᵀ H₀ g, twice the decrease to be hoped for, is under this share of the value.
+    pub tolerance: f64,
 }
 
 /// An accepted iterate.
@@ -75,9 +85,33 @@ impl Lbfgs {
     /// Those of `function`.
     pub fn minimize<E>(
         &self,
+        x: Vec<DVec3>,
+        function: impl FnMut(&[DVec3]) -> Result<(f64, Vec<DVec3>), E>,
+        observe: impl FnMut(&Iterate) -> bool,
+    ) -> Result<Minimum, E> {
+        self.run(x, function, observe, None)
+    }
+
+    /// Like [`minimize`](Self::minimize), helped by `curvature`. The first step tried is then the one that H₀ proposes.
+    ///
+    /// # Errors
+    /// Those of `function`.
+    pub fn minimize_preconditioned<E>(
+        &self,
+        x: Vec<DVec3>,
+        function: impl FnMut(&[DVec3]) -> Result<(f64, Vec<DVec3>), E>,
+        observe: impl FnMut(&Iterate) -> bool,
+        curvature: Curvature,
+    ) -> Result<Minimum, E> {
+        self.run(x, function, observe, Some(curvature))
+    }
+
+    fn run<E>(
+        &self,
         mut x: Vec<DVec3>,
         mut function: impl FnMut(&[DVec3]) -> Result<(f64, Vec<DVec3>), E>,
         mut observe: impl FnMut(&Iterate) -> bool,
+        curvature: Option<Curvature>,
     ) -> Result<Minimum, E> {
         let (mut value, mut gradient) = function(&x)?;
         let mut pairs: VecDeque<Pair> = VecDeque::new();
@@ -92,12 +126,17 @@ impl Lbfgs {
             if largest == 0.0 {
                 break Stop::Stationary;
             }
-            let mut direction = descent(&gradient, &pairs);
+            let mut direction = descent(&gradient, &pairs, curvature);
             if dot(&direction, &gradient) >= 0.0 {
                 pairs.clear();
-                direction = gradient.iter().map(|g| -*g).collect();
+                direction = descent(&gradient, &pairs, curvature);
             }
-            let first_step = if pairs.is_empty() {
+            if let Some(c) = curvature
+                && -dot(&direction, &gradient) <= c.tolerance * value.abs()
+            {
+                break Stop::Stationary;
+            }
+            let first_step = if pairs.is_empty() && curvature.is_none() {
                 self.first_step / largest
             } else {
                 1.0
@@ -209,7 +248,7 @@ fn push_pair(
 }
 
 /// −H g by the two-loop recursion.
-fn descent(gradient: &[DVec3], pairs: &VecDeque<Pair>) -> Vec<DVec3> {
+fn descent(gradient: &[DVec3], pairs: &VecDeque<Pair>, curvature: Option<Curvature>) -> Vec<DVec3> {
     let mut q: Vec<DVec3> = gradient.iter().map(|g| -*g).collect();
     let mut alphas = Vec::with_capacity(pairs.len());
     for p in pairs.iter().rev() {
@@ -217,8 +256,15 @@ fn descent(gradient: &[DVec3], pairs: &VecDeque<Pair>) -> Vec<DVec3> {
         add_to(&mut q, &p.y, -alpha);
         alphas.push(alpha);
     }
+    if let Some(c) = curvature {
+        q = (c.inverse)(&q);
+    }
     if let Some(p) = pairs.back() {
-        let scale = 1.0 / (p.rho * dot(&p.y, &p.y));
+        let seen = match curvature {
+            Some(c) => dot(&p.y, &(c.inverse)(&p.y)),
+            None => dot(&p.y, &p.y),
+        };
+        let scale = 1.0 / (p.rho * seen);
         q.iter_mut().for_each(|v| *v *= scale);
     }
     for (p, alpha) in pairs.iter().zip(alphas.into_iter().rev()) {
@@ -288,6 +334,44 @@ mod tests {
             .minimize(vec![DVec3::new(20.0, 0.0, 0.0)], f, |it| it.x[0].x > 0.0)
             .unwrap();
         assert!((end.x[0].x - 1.0).abs() < 1e-6, "{end:?}");
+    }
+
+    #[test]
+    fn knowledge_of_the_curvature_is_used() {
+        // A quadratic with curvatures from 1 to 10⁶, mixed between neighbours.
+        let stiffness = |i: usize| 10f64.powf(6.0 * i as f64 / 99.0);
+        let f = |x: &[DVec3]| {
+            let n = x.len();
+            let next = |v: &[DVec3], i: usize| v.get(i).copied().unwrap_or(DVec3::ZERO);
+            let residual: Vec<DVec3> = (0..n).map(|i| x[i] + 0.1 * next(x, i + 1)).collect();
+            let scaled: Vec<DVec3> = (0..n).map(|i| stiffness(i) * residual[i]).collect();
+            let gradient = (0..n)
+                .map(|i| scaled[i] + 0.1 * next(&scaled, i.wrapping_sub(1)))
+                .collect();
+            Ok::<_, ()>((0.5 * dot(&residual, &scaled) + 1.0, gradient))
+        };
+        let inverse = |g: &[DVec3]| {
+            g.iter()
+                .enumerate()
+                .map(|(i, g)| *g / stiffness(i))
+                .collect()
+        };
+        let curvature = Curvature {
+            inverse: &inverse,
+            tolerance: 1e-10,
+        };
+        let start = vec![DVec3::ONE; 100];
+        let end = SETTINGS
+            .minimize_preconditioned(start.clone(), f, |_| true, curvature)
+            .unwrap();
+        assert_eq!(end.stop, Stop::Stationary);
+        assert!(end.iterations < 20 && end.value < 1.0 + 1e-8, "{end:?}");
+        let settings = Lbfgs {
+            iterations: end.iterations,
+            ..SETTINGS
+        };
+        let without = settings.minimize(start, f, |_| true).unwrap();
+        assert!(without.value > 2.0, "{without:?}");
     }
 
     #[test]

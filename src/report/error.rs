@@ -24,8 +24,12 @@ pub struct ErrorReport {
     pub rms_percent: f64,
     /// From the target (A) to the surface (B).
     pub target_to_surface: Directed,
-    /// From the surface (B) to the target (A).
-    pub surface_to_target: Directed,
+    /// From the surface (B) to the target (A); absent where the target is a cloud of points.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub surface_to_target: Option<Directed>,
+    /// From the points that were fitted to to the exact limit surface (the geometric method).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub data_to_limit: Option<Directed>,
     /// The part of a fitted surface that spans holes of the target; absent where there is none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub over_holes: Option<OverHoles>,
@@ -74,14 +78,29 @@ pub struct OverHoles {
 }
 
 impl ErrorReport {
+    /// The error of a fit to a cloud of points: their distances from the surface, in the unit frame of a target with this diagonal.
+    pub fn of_points(figures: measure::Figures, diagonal: f64) -> Self {
+        Self {
+            surface_to_target: None,
+            ..Self::both(
+                Directed::of_fit(figures, diagonal),
+                Directed::of_fit(figures, diagonal),
+            )
+        }
+    }
+
+    /// With the distances of the points that were fitted to.
+    pub fn with_data(self, figures: Option<measure::Figures>, diagonal: f64) -> Self {
+        Self {
+            data_to_limit: figures.map(|figures| Directed::of_fit(figures, diagonal)),
+            ..self
+        }
+    }
+
     /// The error of a fit, measured in the unit frame of a target with this diagonal.
     pub fn of_fit(error: &SurfaceError, diagonal: f64) -> Self {
-        let [forth, back] =
-            [error.target_to_surface, error.surface_to_target].map(|figures| Directed {
-                figures: Figures::new(figures, diagonal, diagonal),
-                samples: None,
-                hausdorff_interval: None,
-            });
+        let [forth, back] = [error.target_to_surface, error.surface_to_target]
+            .map(|figures| Directed::of_fit(figures, diagonal));
         let over_holes = OverHoles {
             area_percent: 100.0 * error.share_over_holes,
             max: diagonal * error.max_over_holes,
@@ -123,8 +142,20 @@ impl ErrorReport {
             mean_percent: a.mean_percent.max(b.mean_percent),
             rms_percent: a.rms_percent.max(b.rms_percent),
             target_to_surface: forth,
-            surface_to_target: back,
+            surface_to_target: Some(back),
+            data_to_limit: None,
             over_holes: None,
+        }
+    }
+}
+
+impl Directed {
+    /// Sampled figures from the unit frame of a target with this diagonal.
+    fn of_fit(figures: measure::Figures, diagonal: f64) -> Self {
+        Self {
+            figures: Figures::new(figures, diagonal, diagonal),
+            samples: None,
+            hausdorff_interval: None,
         }
     }
 }

@@ -7,7 +7,7 @@ mod error;
 mod settings;
 
 pub use error::{Directed, ErrorReport, Figures, OverHoles};
-pub use settings::Settings;
+pub use settings::{Settings, VolumeSettings};
 
 use crate::benchmark::Row;
 use crate::device::{Adapter, Device};
@@ -37,6 +37,9 @@ pub struct Report {
     /// What was asked for, defaults included.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub settings: Option<Settings>,
+    /// The same for a volume, under the same key.
+    #[serde(rename = "settings", skip_serializing_if = "Option::is_none")]
+    pub volume_settings: Option<VolumeSettings>,
     /// The surface that was fitted to or, for `compare`, A.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub target: Option<TargetReport>,
@@ -46,6 +49,9 @@ pub struct Report {
     /// How far they are apart.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub error: Option<ErrorReport>,
+    /// How good the elements of a volume are.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub quality: Option<QualityReport>,
     /// Every iteration of a fit.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub iterations: Option<Vec<Iteration>>,
@@ -75,9 +81,11 @@ impl Report {
             version: env!("CARGO_PKG_VERSION"),
             device: None,
             settings: None,
+            volume_settings: None,
             target: None,
             result: None,
             error: None,
+            quality: None,
             iterations: None,
             converged: None,
             stop_reason: None,
@@ -185,10 +193,38 @@ pub struct ResultReport {
     /// Faces of the control mesh.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub control_faces: Option<usize>,
-    /// Vertices of the dense surface.
+    /// Vertices of the dense surface; none of a volume.
+    #[serde(skip_serializing_if = "is_zero")]
     pub surface_vertices: usize,
-    /// Faces of the dense surface.
+    /// Faces of the dense surface; none of a volume.
+    #[serde(skip_serializing_if = "is_zero")]
     pub surface_faces: usize,
+    /// Elements of a volume.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub elements: Option<usize>,
+    /// Their highest order.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub order: Option<usize>,
+    /// Nodes of a volume.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub nodes: Option<usize>,
+}
+
+const fn is_zero(count: &usize) -> bool {
+    *count == 0
+}
+
+/// How good the elements of a volume are.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct QualityReport {
+    /// The mean over the elements of their mean scaled Jacobians.
+    pub scaled_jacobian_mean: f64,
+    /// The least scaled Jacobian of all samples.
+    pub scaled_jacobian_min: f64,
+    /// Elements whose Jacobian is not positive somewhere.
+    pub invalid: usize,
+    /// Elements of which it is not known.
+    pub undecided: usize,
 }
 
 /// Seconds by stage.

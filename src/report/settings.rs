@@ -1,13 +1,16 @@
 //! What a fit was asked for.
 
-use crate::fit;
+use crate::fit::{self, geometric};
 use crate::mesh::Scheme;
+use crate::model::element::{Basis, Rule};
 use serde::Serialize;
 
 /// The settings of a fit, defaults included, in the words of the command line.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Settings {
-    /// "bbox", "torus", or the file.
+    /// "vsdm" or "geometric".
+    pub method: &'static str,
+    /// "bbox", "torus", "simplify", or the file.
     pub template: String,
     /// Control points asked for; absent where the template has its own.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -19,12 +22,23 @@ pub struct Settings {
     /// Whether the surface vertices lie on the limit surface.
     pub limit: bool,
     /// The smoothness weight λ.
-    pub smoothness: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub smoothness: Option<f64>,
     /// The normal anisotropy s, where one was given.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub anisotropy: Option<f64>,
     /// Whether least squares finish the fit.
-    pub polish: bool,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub polish: Option<bool>,
+    /// How the geometric method moves control points: "displacement" or "least-squares".
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub step: Option<&'static str>,
+    /// Points spread over the target that are fitted to, where not its vertices.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub samples: Option<usize>,
+    /// Control points at most.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max_control_points: Option<usize>,
     /// The largest error to reach, in percent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub max_error_percent: Option<f64>,
@@ -39,10 +53,10 @@ pub struct Settings {
 }
 
 impl Settings {
-    /// The settings of a fit with a template of this name.
+    /// The settings of a fit by Voronoi squared distances with a template of this name.
     pub fn new(template: String, control_points: Option<usize>, options: &fit::Options) -> Self {
-        let percent = |share: Option<f64>| share.map(|share| 100.0 * share);
         Self {
+            method: "vsdm",
             template,
             control_points,
             scheme: match options.scheme {
@@ -52,11 +66,93 @@ impl Settings {
             },
             levels: options.levels,
             limit: options.limit,
-            smoothness: options.smoothness,
+            smoothness: Some(options.smoothness),
             anisotropy: options.anisotropy,
-            polish: options.polish,
+            polish: Some(options.polish),
+            step: None,
+            samples: None,
+            max_control_points: None,
             max_error_percent: percent(options.max_error),
             mean_error_percent: percent(options.mean_error),
+            iterations: options.iterations,
+            seed: options.seed,
+        }
+    }
+
+    /// The settings of a fit by the geometric algorithm with a template of this name.
+    pub fn of_geometric(
+        template: String,
+        control_points: Option<usize>,
+        options: &geometric::Options,
+        samples: Option<usize>,
+        seed: u64,
+    ) -> Self {
+        Self {
+            method: "geometric",
+            template,
+            control_points,
+            scheme: "loop",
+            levels: options.levels,
+            limit: true,
+            smoothness: None,
+            anisotropy: None,
+            polish: None,
+            step: Some(match options.step {
+                geometric::Step::Displacement => "displacement",
+                geometric::Step::LeastSquares => "least-squares",
+            }),
+            samples,
+            max_control_points: options.max_control_points,
+            max_error_percent: percent(options.max_error),
+            mean_error_percent: percent(options.mean_error),
+            iterations: options.iterations,
+            seed,
+        }
+    }
+}
+
+fn percent(share: Option<f64>) -> Option<f64> {
+    share.map(|share| 100.0 * share)
+}
+
+/// The settings of a volume fit, defaults included, in the words of the command line.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct VolumeSettings {
+    /// "grid:AxBxC", "ball:N", or the file.
+    pub template: String,
+    /// The order of the elements.
+    pub order: usize,
+    /// "legendre" or "fourier".
+    pub basis: &'static str,
+    /// The name of the density.
+    pub distortion: &'static str,
+    /// "gauss" or "trapezoid".
+    pub quadrature: &'static str,
+    /// λ from afar and at the end.
+    pub smoothness: [f64; 2],
+    /// Iterations allowed.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub iterations: Option<usize>,
+    /// The seed of all sampling.
+    pub seed: u64,
+}
+
+impl VolumeSettings {
+    /// The settings of a fit with a template of this name.
+    pub fn new(template: String, options: &fit::VolumeOptions) -> Self {
+        Self {
+            template,
+            order: options.order,
+            basis: match options.basis {
+                Basis::Legendre => "legendre",
+                Basis::Fourier => "fourier",
+            },
+            distortion: options.distortion.name(),
+            quadrature: match options.rule {
+                Rule::Gauss => "gauss",
+                Rule::Trapezoid => "trapezoid",
+            },
+            smoothness: [options.far, options.close],
             iterations: options.iterations,
             seed: options.seed,
         }

@@ -1,15 +1,20 @@
 //! Templates: where a model starts and how it is connected.
 //!
-//! [`bounding_box`] for targets like a ball, [`torus`] for those with one hole, [`placed`] for a mesh of the user's own. All work in
+//! [`bounding_box`] for targets like a ball, [`torus`] for those with one hole, [`simplified`] for any target of triangles, [`placed`] for a
+//! mesh of the user's own. All work in
 //! the coordinates of what they are given; a fit gives them its unit frame.
 
+mod align;
 mod hole;
 mod torus;
+pub mod volume;
 
+pub use align::alignment;
 pub use torus::{Axis, torus};
 
 use crate::error::{Error, Result};
-use crate::mesh::{ControlMesh, PolygonMesh, shapes};
+use crate::mesh::{ControlMesh, PolygonMesh, TriangleMesh, shapes};
+use crate::topology;
 use glam::DVec3;
 
 /// The least thickness of a box, as a share of its diagonal: the two sides of a flat target's box must not coincide.
@@ -60,6 +65,33 @@ fn box_cells(size: DVec3, control_points: usize) -> [u32; 3] {
     }
 }
 
+/// A target simplified to `control_points` by the quadric error metric, and cut into an oriented manifold where it is none ([`topology::manifold`]).
+///
+/// # Errors
+/// Where the target cannot be simplified so far without changing its topology, as a soup of triangles cannot.
+pub fn simplified(target: &TriangleMesh, control_points: usize) -> Result<ControlMesh> {
+    let to = |count| topology::simplify(target, topology::Target::Vertices(count));
+    let mut simplified = to(control_points);
+    let mut manifold = topology::manifold(&simplified.mesh);
+    if manifold.added_vertices > 0 {
+        // Cutting adds vertices, about as many the second time.
+        simplified = to(control_points.saturating_sub(manifold.added_vertices));
+        manifold = topology::manifold(&simplified.mesh);
+    }
+    let reached = manifold.mesh.positions.len();
+    log::info!(
+        "simplified to {reached} control points, at most {:.3e} from the planes that they stand for",
+        simplified.deviation
+    );
+    if !simplified.reached {
+        return Err(Error::input(
+            format!("simplified to {control_points} vertices the target would change its topology"),
+            format!("ask for {reached} control points or more, or mend the target"),
+        ));
+    }
+    Ok(PolygonMesh::from(manifold.mesh).into())
+}
+
 /// How a template from a file is brought onto the target.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Align {
@@ -68,47 +100,29 @@ pub enum Align {
     None,
     /// Its bounding box is stretched onto the target's.
     Box,
+    /// It is turned and moved onto the target.
+    Rigid,
+    /// It is turned, moved and scaled onto the target.
+    Similarity,
 }
 
-/// A control mesh of the user's own, brought onto a target with bounding box `(lo, hi)`; vertices that no face uses are dropped.
+/// A control mesh of the user's own, brought onto a target; vertices that no face uses are dropped.
 ///
 /// # Errors
-/// Where the mesh has no faces.
-pub fn placed(
-    control: &ControlMesh,
-    align: Align,
-    (lo, hi): (DVec3, DVec3),
-) -> Result<ControlMesh> {
+/// Where the mesh has no faces, and as [`alignment`].
+pub fn placed(control: &ControlMesh, align: Align, target: &TriangleMesh) -> Result<ControlMesh> {
     let mut control = without_unused_vertices(control);
-    let points = &mut control.mesh.positions;
-    let Some((from_lo, from_hi)) = bounds(points) else {
+    if control.mesh.positions.is_empty() {
         return Err(Error::input(
             "the template has no faces",
             "give a mesh with faces",
         ));
-    };
-    if align == Align::Box {
-        let (size, from_size) = (hi - lo, from_hi - from_lo);
-        let center = 0.5 * (lo + hi);
-        let from_center = 0.5 * (from_lo + from_hi);
-        // A flat template stays flat, in the middle.
-        let ratio = |to: f64, from: f64| if from > 0.0 { to / from } else { 0.0 };
-        let scale = DVec3::new(
-            ratio(size.x, from_size.x),
-            ratio(size.y, from_size.y),
-            ratio(size.z, from_size.z),
-        );
-        for p in points {
-            *p = center + (*p - from_center) * scale;
-        }
+    }
+    let map = alignment(align, &control.mesh.triangulate(), target)?;
+    for p in &mut control.mesh.positions {
+        *p = map.transform_point3(*p);
     }
     Ok(control)
-}
-
-fn bounds(points: &[DVec3]) -> Option<(DVec3, DVec3)> {
-    let first = *points.first()?;
-    let grow = |(lo, hi): (DVec3, DVec3), p: &DVec3| (lo.min(*p), hi.max(*p));
-    Some(points.iter().fold((first, first), grow))
 }
 
 fn without_unused_vertices(control: &ControlMesh) -> ControlMesh {

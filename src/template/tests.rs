@@ -27,6 +27,12 @@ fn seen_from_line(target: &TriangleMesh, point: DVec3, direction: DVec3) -> (f64
     (nearest, gap)
 }
 
+fn bounds(points: &[DVec3]) -> Option<(DVec3, DVec3)> {
+    let first = *points.first()?;
+    let grow = |(lo, hi): (DVec3, DVec3), p: &DVec3| (lo.min(*p), hi.max(*p));
+    Some(points.iter().fold((first, first), grow))
+}
+
 #[test]
 fn boxes_have_the_points_asked_for() {
     let size = DVec3::new(1.0, 0.6, 0.4);
@@ -164,12 +170,15 @@ fn a_placed_template_fills_the_target_box_and_drops_unused_vertices() {
         sharpness: 2.0,
     }];
     control.corners = vec![0, faces[0][2]];
-    let target = (DVec3::NEG_ONE, DVec3::ONE);
-    let as_is = placed(&control, Align::None, target).unwrap();
+    let target = shapes::box_grid(DVec3::NEG_ONE, DVec3::ONE, [1; 3]).triangulate();
+    let as_is = placed(&control, Align::None, &target).unwrap();
     assert_eq!(as_is.mesh.positions, control.mesh.positions[1..]);
     assert_eq!(as_is.creases[0].edge, edge.map(|v| v - 1));
     assert_eq!(as_is.corners, [faces[0][2] - 1]);
-    let stretched = placed(&control, Align::Box, target).unwrap();
-    assert_eq!(bounds(&stretched.mesh.positions), Some(target));
-    assert!(placed(&ControlMesh::default(), Align::Box, target).is_err());
+    let stretched = placed(&control, Align::Box, &target).unwrap();
+    assert_eq!(
+        bounds(&stretched.mesh.positions),
+        Some((DVec3::NEG_ONE, DVec3::ONE))
+    );
+    assert!(placed(&ControlMesh::default(), Align::Box, &target).is_err());
 }

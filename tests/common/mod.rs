@@ -3,6 +3,8 @@
 // Each test binary uses a part of this.
 #![allow(dead_code)]
 
+pub mod elements;
+
 use glam::DVec3;
 use std::sync::OnceLock;
 use vorofit::device::{Adapter, Gpu, Shader};

@@ -1,24 +1,16 @@
-//! Pixar's Universal Scene Description, as text: one `UsdGeomMesh` with its subdivision scheme, creases and corners.
-//!
-//! Points are f32 by USD's schema, so far from the origin they are local to a translation that the mesh carries in double precision.
-//! Boundary interpolation is `edgeAndCorner`, as in [`crate::model`]: boundary edges are sharp, and so are boundary vertices of a
-//! single face, besides the corners that are listed. The unit of a scan is
-//! unknown; the stage says metres and y up, USD's and glTF's customs.
+//! The writer.
 
-use super::{SurfaceToWrite, bounds, local_origin};
-use crate::mesh::Scheme;
+use super::super::{SurfaceToWrite, bounds, local_origin};
+use crate::mesh::{Crease, Scheme};
 use std::fmt::Display;
 use std::io::{self, Write};
 
-/// USD's sharpness of an edge that stays sharp on every level.
-const INFINITE_SHARPNESS: f64 = 10.0;
-
-pub(super) fn write(out: &mut dyn Write, surface: &SurfaceToWrite<'_>) -> io::Result<()> {
+pub fn write(out: &mut dyn Write, surface: &SurfaceToWrite<'_>) -> io::Result<()> {
     let mesh = surface.mesh;
     let origin = local_origin(mesh);
     let (lo, hi) = bounds(mesh);
     let local = |p: glam::DVec3| vector((p - origin).as_vec3().to_array());
-    let sharpness = |s: f64| s.min(INFINITE_SHARPNESS);
+    let sharpness = |s: f64| s.min(Crease::INFINITE);
     let scheme = match surface.scheme {
         Scheme::Polygon => "none",
         Scheme::CatmullClark => "catmullClark",
@@ -77,7 +69,7 @@ pub(super) fn write(out: &mut dyn Write, surface: &SurfaceToWrite<'_>) -> io::Re
         array(
             out,
             "float[] cornerSharpnesses",
-            surface.corners.iter().map(|_| INFINITE_SHARPNESS),
+            surface.corners.iter().map(|_| Crease::INFINITE),
         )?;
     }
     if let Some(error) = surface.error {
@@ -118,7 +110,7 @@ fn assignment(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::{ControlMesh, Crease, PolygonMesh};
+    use crate::mesh::{ControlMesh, PolygonMesh};
     use glam::DVec3;
 
     fn written(surface: &SurfaceToWrite<'_>) -> String {

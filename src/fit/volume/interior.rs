@@ -1,0 +1,187 @@
+//! The distortion of all elements of a volume as a function of its coefficients, and its stiffness.
+
+use super::stiffness::Stiffness;
+use crate::energy::element_tables;
+use crate::error::Result;
+use crate::geometry::distortion::Distortion;
+use crate::kernel::element_energy::{self, ElementBatch};
+use crate::kernel::sparse::Csr;
+use crate::model::element::{Quadrature, Rule, Tables, reference_volume};
+use crate::model::volume::CurvedVolume;
+use glam::DVec3;
+use rayon::prelude::*;
+use std::cmp::Ordering;
+use std::sync::Arc;
+
+/// E_Ω of a volume of fixed orders.
+pub(super) struct Interior {
+    batches: Vec<ElementBatch>,
+    /// `[batches]`.
+    stiffness: Vec<Stiffness>,
+    /// `[elements]`, batch by batch: the cells that they are.
+    cells: Vec<u32>,
+    /// `[local modes of all elements, coefficients]`.
+    gather: Csr,
+    scatter: Csr,
+    distortion: Distortion,
+}
+
+/// The value of E_Ω.
+pub(super) struct Distorted {
+    /// Infinite where an element is inverted.
+    pub value: f64,
+    /// `[coefficients]`.
+    pub gradient: Vec<DVec3>,
+}
+
+impl Interior {
+    /// Of elements whose ideal shapes have edges of length `sizes`, `[cells]`.
+    ///
+    /// # Errors
+    /// As [`element_tables`].
+    pub fn new(
+        volume: &CurvedVolume,
+        sizes: &[f64],
+        rule: Rule,
+        distortion: Distortion,
+    ) -> Result<Self> {
+        let groups = volume.groups();
+        let cells: Vec<u32> = groups
+            .iter()
+            .flat_map(|g| g.cells.iter().copied())
+            .collect();
+        let ideal = |c: u32| sizes[c as usize].powi(3) * reference_volume(volume.shape(c as usize));
+        let total: f64 = cells.iter().map(|&c| ideal(c)).sum();
+        let mut batches = Vec::with_capacity(groups.len());
+        let mut stiffness = Vec::with_capacity(groups.len());
+        for group in &groups {
+            let tables = element_tables(group.shape, volume.basis(), group.order, rule)?;
+            let inverse =
+                |&c: &u32| volume.reference_inverse(c as usize) * sizes[c as usize].recip();
+            // |det A| is the ideal volume over that of the reference cell, to which the weights of a rule sum up.
+            let quadrature = Quadrature::new(rule, group.shape, group.order);
+            let reference: f64 = quadrature.weights.iter().sum();
+            let share = |&c: &u32| ideal(c) / (reference * total);
+            batches.push(ElementBatch {
+                tables: Arc::new(tables),
+                inverse_references: group.cells.iter().map(inverse).collect(),
+                weights: group.cells.iter().map(share).collect(),
+            });
+            let tables = Tables::new(volume.basis(), group.order, &quadrature.grid);
+            stiffness.push(Stiffness::new(tables, &quadrature));
+        }
+        let gather = volume.gather(&cells);
+        Ok(Self {
+            batches,
+            stiffness,
+            cells,
+            scatter: gather.transpose(),
+            gather,
+            distortion,
+        })
+    }
+
+    /// E_Ω and its gradient.
+    pub fn evaluate(&self, coefficients: &[DVec3]) -> Distorted {
+        let local = self.gather.apply(coefficients);
+        let output = element_energy::cpu(&self.batches, &local, self.distortion);
+        Distorted {
+            value: output.energy(),
+            gradient: self.scatter.apply(&output.gradient),
+        }
+    }
+
+    /// The cells that are inverted at a quadrature point, ascending.
+    pub fn inverted(&self, coefficients: &[DVec3]) -> Vec<u32> {
+        let local = self.gather.apply(coefficients);
+        let output = element_energy::cpu(&self.batches, &local, self.distortion);
+        let pairs = self.cells.iter().zip(&output.energies);
+        let mut cells: Vec<u32> = pairs
+            .filter(|(_, e)| !e.is_finite())
+            .map(|p| *p.0)
+            .collect();
+        cells.sort_unstable();
+        cells
+    }
+
+    /// K_ii of every coefficient, weighted as in E_Ω. On the top of a prism, where modes are rotated, without the mixed terms.
+    pub fn stiffness_diagonal(&self, coefficients: &[DVec3]) -> Vec<f64> {
+        let local = self.elementwise(coefficients, |stiffness, local| stiffness.diagonal(local));
+        let local: Vec<f64> = local.into_iter().flatten().collect();
+        (0..coefficients.len())
+            .map(|i| {
+                self.scatter
+                    .row(i)
+                    .map(|(k, w)| w * w * local[k as usize])
+                    .sum()
+            })
+            .collect()
+    }
+
+    /// K as (row, column, entry) with row ≥ column, to be added up.
+    pub fn stiffness_entries(&self, coefficients: &[DVec3]) -> Vec<(u32, u32, f64)> {
+        let matrices = self.elementwise(coefficients, |stiffness, local| stiffness.matrix(local));
+        let mut entries = Vec::new();
+        let mut first = 0;
+        for matrix in matrices {
+            let row = |a: usize| self.gather.row(first + a);
+            for a in 0..matrix.nrows() {
+                for b in 0..=a {
+                    let k = matrix[(a, b)];
+                    for (i, wi) in row(a) {
+                        for (j, wj) in row(b) {
+                            // A pair stands for both of its orders.
+                            let times = match (a == b, i.cmp(&j)) {
+                                (true, Ordering::Less) => continue,
+                                (false, Ordering::Equal) => 2.0,
+                                _ => 1.0,
+                            };
+                            entries.push((i.max(j), i.min(j), times * wi * wj * k));
+                        }
+                    }
+                }
+            }
+            first += matrix.nrows();
+        }
+        entries
+    }
+
+    /// What `work` makes of every element, its weight included.
+    fn elementwise<R: Send + Scaled>(
+        &self,
+        coefficients: &[DVec3],
+        work: impl Fn(&Stiffness, &[DVec3]) -> R + Sync,
+    ) -> Vec<R> {
+        let local = self.gather.apply(coefficients);
+        let mut first = 0;
+        let mut results = Vec::with_capacity(self.cells.len());
+        for (batch, stiffness) in self.batches.iter().zip(&self.stiffness) {
+            let part = &local[first..first + batch.coefficients()];
+            first += batch.coefficients();
+            results.par_extend(
+                part.par_chunks(batch.tables.modes())
+                    .zip(&batch.weights)
+                    .map(|(local, &weight)| work(stiffness, local).scaled(weight)),
+            );
+        }
+        results
+    }
+}
+
+/// What can be multiplied by a weight.
+trait Scaled {
+    fn scaled(self, weight: f64) -> Self;
+}
+
+impl Scaled for Vec<f64> {
+    fn scaled(mut self, weight: f64) -> Self {
+        self.iter_mut().for_each(|x| *x *= weight);
+        self
+    }
+}
+
+impl Scaled for faer::Mat<f64> {
+    fn scaled(self, weight: f64) -> Self {
+        weight * self
+    }
+}

@@ -1,0 +1,375 @@
+//! Edge flips on a triangle control mesh: towards regular valences, then away from small angles.
+//!
+//! **Theory** \[NMM08, section 5\]. A flip replaces the edge between two faces by the other diagonal of their quadrilateral. R = Σ (valence −
+//! optimal)², optimal 6 inside and 4 on the boundary, falls with every flip for valence, and the sorted angles rise with every flip for angles, so both
+//! come to an end.
+//!
+//! **Practice.** The topology stays: a flip is refused where its new edge is there already. Boundaries and creases stay, and so do edges
+//! where the surface bends ([`FLAT`]): flipping those would cut a ridge or bridge a valley. A boundary vertex keeps two faces, since with
+//! one it would become a corner of the surface.
+
+use super::split::check_triangles;
+use crate::error::Result;
+use crate::mesh::{Connectivity, ControlMesh, PolygonMesh};
+use glam::DVec3;
+
+/// The least cosine between the normals of the two faces, before and after a flip, and of one before and one after.
+const FLAT: f64 = 0.7;
+
+/// A flip for valence may leave no angle smaller than this, unless one was: radians.
+const LEAST_ANGLE: f64 = 0.35;
+
+/// A flip for angles must raise the smallest one by more than rounding: radians.
+const RISE: f64 = 1e-6;
+
+/// No opposite half-edge.
+const NONE: u32 = u32::MAX;
+
+/// Lowers R by flips until no flip lowers it. Returns the faces changed, ascending.
+///
+/// # Errors
+/// Where the mesh is no oriented manifold or has a face other than a triangle.
+pub fn flip_for_valence(control: &mut ControlMesh) -> Result<Vec<u32>> {
+    flip_all(control, |mesh, h, positions| {
+        let quad = mesh.quad(h);
+        mesh.valence_change(quad) < 0
+            && least_angle(turned(quad), positions) >= LEAST_ANGLE.min(least_angle(quad, positions))
+    })
+}
+
+/// Raises the smallest angle of two neighbouring faces by flips until no flip raises it. Returns the faces changed, ascending.
+///
+/// # Errors
+/// As [`flip_for_valence`].
+pub fn flip_for_angles(control: &mut ControlMesh) -> Result<Vec<u32>> {
+    flip_all(control, |mesh, h, positions| {
+        let quad = mesh.quad(h);
+        least_angle(turned(quad), positions) > least_angle(quad, positions) + RISE
+    })
+}
+
+/// R: the sum over all vertices of (valence − optimal)².
+pub fn irregularity(mesh: &Connectivity) -> u64 {
+    (0..mesh.vertex_count() as u32)
+        .map(|v| {
+            let excess = mesh.spokes(v).count() as i64 - optimal(mesh.is_boundary_vertex(v));
+            (excess * excess) as u64
+        })
+        .sum()
+}
+
+fn optimal(on_boundary: bool) -> i64 {
+    if on_boundary { 4 } else { 6 }
+}
+
+/// Flips what is wanted and allowed, in sweeps over the edges until one finds nothing.
+fn flip_all(
+    control: &mut ControlMesh,
+    wanted: impl Fn(&Flippable, u32, &[DVec3]) -> bool,
+) -> Result<Vec<u32>> {
+    let mut mesh = Flippable::of(control)?;
+    let positions = std::mem::take(&mut control.mesh.positions);
+    loop {
+        let mut flipped = false;
+        for h in 0..mesh.origins.len() as u32 {
+            if mesh.is_flippable(h)
+                && wanted(&mesh, h, &positions)
+                && stays_flat(mesh.quad(h), &positions)
+                && !mesh.has_other_diagonal(h)
+            {
+                mesh.flip(h);
+                flipped = true;
+            }
+        }
+        if !flipped {
+            break;
+        }
+    }
+    control.mesh = PolygonMesh::from_faces(positions, mesh.origins.chunks_exact(3));
+    let changed = mesh.changed.iter().zip(0..);
+    Ok(changed.filter(|(c, _)| **c).map(|(_, f)| f).collect())
+}
+
+/// Two faces (a, b, c) and (b, a, d).
+type Quad = [u32; 4];
+
+/// The same quadrilateral cut along the other diagonal: (d, c, a) and (c, d, b).
+fn turned([a, b, c, d]: Quad) -> Quad {
+    [d, c, a, b]
+}
+
+fn normals([a, b, c, d]: Quad, positions: &[DVec3]) -> [DVec3; 2] {
+    let [a, b, c, d] = [a, b, c, d].map(|v| positions[v as usize]);
+    [(b - a).cross(c - a), (a - b).cross(d - b)].map(DVec3::normalize_or_zero)
+}
+
+fn least_angle([a, b, c, d]: Quad, positions: &[DVec3]) -> f64 {
+    let [a, b, c, d] = [a, b, c, d].map(|v| positions[v as usize]);
+    let triangle = |p: DVec3, q: DVec3, r: DVec3| {
+        let angle = |x: DVec3, y: DVec3| x.cross(y).length().atan2(x.dot(y));
+        angle(q - p, r - p)
+            .min(angle(r - q, p - q))
+            .min(angle(p - r, q - r))
+    };
+    triangle(a, b, c).min(triangle(b, a, d))
+}
+
+/// Whether all four faces, those before and those after a flip, face about the same way.
+fn stays_flat(quad: Quad, positions: &[DVec3]) -> bool {
+    let ([a, b], [c, d]) = (normals(quad, positions), normals(turned(quad), positions));
+    [(a, b), (c, d), (a, c), (a, d), (b, c), (b, d)]
+        .iter()
+        .all(|(x, y)| x.dot(*y) >= FLAT)
+}
+
+/// Half-edge 3 f + k runs from corner k of triangle f to the next.
+struct Flippable {
+    /// `[half-edges]`: the vertex it starts from.
+    origins: Vec<u32>,
+    /// `[half-edges]`: the one that runs back, or `NONE`.
+    opposites: Vec<u32>,
+    /// `[half-edges]`: whether it lies on a crease.
+    sharp: Vec<bool>,
+    /// `[vertices]`: a half-edge that leaves it, `NONE` without faces.
+    outgoing: Vec<u32>,
+    /// `[vertices]`: edges.
+    valence: Vec<i64>,
+    /// `[vertices]`: whether it lies on the boundary.
+    on_boundary: Vec<bool>,
+    /// `[faces]`: whether it has been flipped.
+    changed: Vec<bool>,
+}
+
+/// The half-edge after `h` around its triangle.
+fn next(h: u32) -> u32 {
+    if h % 3 == 2 { h - 2 } else { h + 1 }
+}
+
+/// The half-edge before `h` around its triangle.
+fn previous(h: u32) -> u32 {
+    if h.is_multiple_of(3) { h + 2 } else { h - 1 }
+}
+
+impl Flippable {
+    fn of(control: &ControlMesh) -> Result<Self> {
+        let mesh = Connectivity::of(&control.mesh)?;
+        check_triangles(&mesh)?;
+        let mut creases: Vec<[u32; 2]> = control
+            .creases
+            .iter()
+            .filter(|c| c.sharpness > 0.0)
+            .map(|c| sorted(c.edge))
+            .collect();
+        creases.sort_unstable();
+        let half_edges = 0..mesh.half_edge_count() as u32;
+        let is_sharp = |h| {
+            let ends = sorted([mesh.origin(h), mesh.target(h)]);
+            creases.binary_search(&ends).is_ok()
+        };
+        let vertices = 0..mesh.vertex_count() as u32;
+        Ok(Self {
+            origins: half_edges.clone().map(|h| mesh.origin(h)).collect(),
+            opposites: half_edges
+                .clone()
+                .map(|h| mesh.opposite(h).unwrap_or(NONE))
+                .collect(),
+            sharp: half_edges.map(is_sharp).collect(),
+            outgoing: vertices
+                .clone()
+                .map(|v| mesh.around(v).next().unwrap_or(NONE))
+                .collect(),
+            valence: vertices
+                .clone()
+                .map(|v| mesh.spokes(v).count() as i64)
+                .collect(),
+            on_boundary: vertices.map(|v| mesh.is_boundary_vertex(v)).collect(),
+            changed: vec![false; mesh.face_count()],
+        })
+    }
+
+    fn origin(&self, h: u32) -> u32 {
+        self.origins[h as usize]
+    }
+
+    /// The faces at `h`, seen from `h`; it must have an opposite.
+    fn quad(&self, h: u32) -> Quad {
+        let o = self.opposites[h as usize];
+        [h, next(h), previous(h), previous(o)].map(|h| self.origin(h))
+    }
+
+    /// Whether a half-edge stands for an edge (by the smaller index of its two) that may be flipped: not of a boundary or crease, nor
+    /// one that a vertex at its ends needs.
+    fn is_flippable(&self, h: u32) -> bool {
+        let o = self.opposites[h as usize];
+        if o == NONE || o < h || self.sharp[h as usize] {
+            return false;
+        }
+        [self.origin(h), self.origin(o)].iter().all(|&v| {
+            // Three edges at the boundary are two faces.
+            self.valence[v as usize] > 3
+        })
+    }
+
+    /// How R changes if a quad is turned.
+    fn valence_change(&self, [a, b, c, d]: Quad) -> i64 {
+        // (x ± 1)² − x² = 1 ± 2 x.
+        let excess = |v: u32| self.valence[v as usize] - optimal(self.on_boundary[v as usize]);
+        4 + 2 * (excess(c) + excess(d) - excess(a) - excess(b))
+    }
+
+    /// Whether the vertices across `h` are joined by an edge already.
+    fn has_other_diagonal(&self, h: u32) -> bool {
+        let [_, _, c, d] = self.quad(h);
+        c == d || self.are_neighbours(c, d)
+    }
+
+    fn are_neighbours(&self, v: u32, w: u32) -> bool {
+        let first = self.outgoing[v as usize];
+        let mut h = first;
+        // Counter-clockwise, and from a boundary back to the other one.
+        loop {
+            if self.origin(next(h)) == w || self.origin(previous(h)) == w {
+                return true;
+            }
+            h = self.opposites[previous(h) as usize];
+            if h == first {
+                return false;
+            }
+            if h == NONE {
+                break;
+            }
+        }
+        h = first;
+        while self.opposites[h as usize] != NONE {
+            h = next(self.opposites[h as usize]);
+            if self.origin(next(h)) == w || self.origin(previous(h)) == w {
+                return true;
+            }
+        }
+        false
+    }
+
+    /// Turns the faces (a, b, c) and (b, a, d) at `h` into (a, d, c) and (d, b, c), in their places.
+    fn flip(&mut self, h: u32) {
+        let [a, b, c, d] = self.quad(h);
+        let o = self.opposites[h as usize];
+        let (f, g) = (h / 3, o / 3);
+        let outer = |mesh: &Self, h: u32| (mesh.opposites[h as usize], mesh.sharp[h as usize]);
+        let [bc, ca] = [next(h), previous(h)].map(|h| outer(self, h));
+        let [ad, db] = [next(o), previous(o)].map(|h| outer(self, h));
+        let inner = |h: u32| (h, false);
+        self.set(f, [a, d, c], [ad, inner(3 * g + 2), ca]);
+        self.set(g, [d, b, c], [db, bc, inner(3 * f + 1)]);
+        for v in [a, b] {
+            self.valence[v as usize] -= 1;
+        }
+        for v in [c, d] {
+            self.valence[v as usize] += 1;
+        }
+    }
+
+    /// Gives a face its vertices and, for each half-edge, what runs back and whether it is sharp.
+    fn set(&mut self, f: u32, vertices: [u32; 3], edges: [(u32, bool); 3]) {
+        self.changed[f as usize] = true;
+        for ((h, v), (opposite, sharp)) in (3 * f..).zip(vertices).zip(edges) {
+            self.origins[h as usize] = v;
+            self.outgoing[v as usize] = h;
+            self.opposites[h as usize] = opposite;
+            self.sharp[h as usize] = sharp;
+            if opposite != NONE {
+                self.opposites[opposite as usize] = h;
+            }
+        }
+    }
+}
+
+fn sorted([a, b]: [u32; 2]) -> [u32; 2] {
+    [a.min(b), a.max(b)]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::{Crease, shapes};
+
+    /// A flat strip of points: two rows of `n`, joined by triangles.
+    fn quad_of(points: [[f64; 2]; 4]) -> ControlMesh {
+        let positions = points.map(|[x, y]| DVec3::new(x, y, 0.0)).to_vec();
+        PolygonMesh::from_faces(positions, [[0u32, 1, 2], [1, 0, 3]]).into()
+    }
+
+    #[test]
+    fn a_lone_quadrilateral_keeps_its_diagonal() {
+        // Flipped, the vertices 0 and 1 would be left with a single face each.
+        let mut thin = quad_of([[0.0, -3.0], [0.0, 3.0], [-0.5, 0.0], [0.5, 0.0]]);
+        let same = thin.clone();
+        assert!(flip_for_angles(&mut thin).unwrap().is_empty());
+        assert_eq!(thin, same);
+    }
+
+    /// A disc: a thin quadrilateral of vertices 0 to 3 with a ring of faces around it.
+    fn disc() -> ControlMesh {
+        let mut positions = quad_of([[0.0, -3.0], [0.0, 3.0], [-0.5, 0.0], [0.5, 0.0]])
+            .mesh
+            .positions;
+        let outer = [[0.0, -6.0], [6.0, 0.0], [0.0, 6.0], [-6.0, 0.0]];
+        positions.extend(outer.map(|[x, y]| DVec3::new(x, y, 0.0)));
+        let faces = [
+            [0u32, 1, 2],
+            [1, 0, 3],
+            [4, 5, 0],
+            [5, 3, 0],
+            [5, 1, 3],
+            [5, 6, 1],
+            [6, 7, 1],
+            [7, 2, 1],
+            [7, 0, 2],
+            [7, 4, 0],
+        ];
+        PolygonMesh::from_faces(positions, faces).into()
+    }
+
+    #[test]
+    fn a_thin_quadrilateral_is_turned_unless_creased_or_bent() {
+        let has = |control: &ControlMesh, a, b| {
+            let mesh = Connectivity::of(&control.mesh).expect("still a manifold");
+            mesh.validate().expect("consistent");
+            mesh.edge_between(a, b).is_some()
+        };
+        let mut plain = disc();
+        assert!(flip_for_angles(&mut plain).unwrap().starts_with(&[0, 1]));
+        assert!(has(&plain, 2, 3) && !has(&plain, 0, 1));
+
+        let mut creased = disc();
+        creased.creases = vec![Crease {
+            edge: [1, 0],
+            sharpness: 2.0,
+        }];
+        flip_for_angles(&mut creased).unwrap();
+        assert!(has(&creased, 0, 1));
+
+        let mut bent = disc();
+        for v in [2, 3] {
+            bent.mesh.positions[v].z = 0.5;
+        }
+        flip_for_angles(&mut bent).unwrap();
+        assert!(has(&bent, 0, 1));
+    }
+
+    #[test]
+    fn an_edge_that_is_there_already_is_not_made_twice() {
+        // In a tetrahedron all vertices are neighbours; in an octahedron opposite ones are not, but all valences are 4.
+        let tetrahedron = vec![DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z];
+        let faces = [[0u32, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]];
+        let mut control = ControlMesh::from(PolygonMesh::from_faces(tetrahedron, faces));
+        assert!(flip_for_valence(&mut control).unwrap().is_empty());
+        assert!(flip_for_angles(&mut control).unwrap().is_empty());
+    }
+
+    #[test]
+    fn polygons_are_refused() {
+        let mut quads = ControlMesh::from(shapes::torus(3.0, 1.0, 8, 6));
+        let error = flip_for_valence(&mut quads).expect_err("quads");
+        assert!(error.to_string().contains("face 0 has 4 corners"));
+    }
+}

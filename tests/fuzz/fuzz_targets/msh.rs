@@ -1,0 +1,6 @@
+#![no_main]
+use std::path::Path;
+
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
+    let _ = vorofit::files::volume_from_bytes(Path::new("fuzz.msh"), bytes);
+});

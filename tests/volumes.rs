@@ -1,0 +1,252 @@
+//! Whole volume fits: generated shapes within stated errors and valid everywhere, every shape of element, curving of meshes that others
+//! made, the same bits for any number of threads, interruption.
+//!
+//! Errors are those of [`surface_error`], in percent of the target's diagonal; elements are certified by [`validities`].
+
+use glam::DVec3;
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use vorofit::device::Device;
+use vorofit::files::volume_from_bytes;
+use vorofit::fit::{
+    StopReason, Target, VolumeFit, VolumeOptions, VolumeStart, VolumeTemplate, fit_volume,
+};
+use vorofit::measure::scaled_jacobian::qualities;
+use vorofit::measure::surface_error;
+use vorofit::measure::validity::{Validity, validities};
+use vorofit::mesh::shapes::{self, RoundedBox};
+use vorofit::mesh::{CellShape, TriangleMesh, VolumeMesh};
+use vorofit::model::element::Basis;
+use vorofit::model::volume::CurvedVolume;
+use vorofit::progress::{Event, Progress, Silent};
+use vorofit::template::{Align, volume};
+
+fn fitted(mesh: &TriangleMesh, template: &VolumeTemplate, options: &VolumeOptions) -> VolumeFit {
+    let target = Target::new(&Device::Cpu, mesh).unwrap();
+    let start = VolumeStart::new(&target, template).unwrap();
+    fit_volume(&Device::Cpu, &target, start, options, &Silent).unwrap()
+}
+
+fn order(order: usize) -> VolumeOptions {
+    VolumeOptions {
+        order,
+        ..VolumeOptions::default()
+    }
+}
+
+/// The largest and the rms distance either way, in percent; all elements must be valid.
+fn errors(mesh: &TriangleMesh, fit: &VolumeFit) -> [f64; 2] {
+    assert_eq!(fit.stop_reason, StopReason::Schedule);
+    let validities = validities(&fit.volume);
+    let count = |v| validities.iter().filter(|&&w| w == v).count();
+    let failed = [count(Validity::Invalid), count(Validity::Undecided)];
+    assert_eq!(
+        failed,
+        [0, 0],
+        "invalid and undecided of {}",
+        validities.len()
+    );
+    let frame = Target::new(&Device::Cpu, mesh).unwrap().frame;
+    let mut unit = mesh.clone();
+    for p in &mut unit.positions {
+        *p = frame.to_unit(*p);
+    }
+    let error = surface_error(&unit, &fit.dense_surface(), 50_000).unwrap();
+    let [a, b] = [error.target_to_surface, error.surface_to_target];
+    [100.0 * a.max.max(b.max), 100.0 * a.rms.max(b.rms)]
+}
+
+fn least_scaled_jacobian(volume: &CurvedVolume) -> f64 {
+    let least = qualities(volume).into_iter().map(|q| q.min);
+    least.fold(f64::INFINITY, f64::min)
+}
+
+/// The boundary of a mesh with straight edges.
+fn boundary(mesh: &VolumeMesh) -> TriangleMesh {
+    let volume = CurvedVolume::new(mesh, Basis::Legendre).unwrap();
+    volume.boundary_surface(1).mesh(&volume.coefficients)
+}
+
+#[test]
+fn a_ball_gets_rounder_with_every_order() {
+    let sphere = shapes::sphere(1.0, 5);
+    let reached = [1, 2, 3].map(|p| {
+        let fit = fitted(&sphere, &VolumeTemplate::Ball(2), &order(p));
+        errors(&sphere, &fit)
+    });
+    println!("{reached:?}");
+    for (error, allowed) in reached.into_iter().zip([4.0, 0.05, 0.02]) {
+        assert!(error[0] < allowed, "{reached:?}");
+    }
+    assert!(reached[2][1] < 0.003, "{reached:?}");
+}
+
+#[test]
+fn the_lobed_ball_is_met_at_order_4() {
+    let target = shapes::lobed_ball(5);
+    let fit = fitted(&target, &VolumeTemplate::Ball(2), &order(4));
+    let [max, rms] = errors(&target, &fit);
+    let least = least_scaled_jacobian(&fit.volume);
+    println!("{max} {rms} {least}");
+    assert!(
+        max < 0.03 && rms < 0.005 && least > 0.6,
+        "{max} {rms} {least}"
+    );
+}
+
+/// The hexahedra of a mesh cut into shapes of another kind, alike along every face that two of them share.
+fn cut(mesh: &VolumeMesh, shape: CellShape) -> VolumeMesh {
+    const PRISMS: &[&[usize]] = &[&[0, 1, 2, 4, 5, 6], &[0, 2, 3, 4, 6, 7]];
+    const TETRAHEDRA: &[&[usize]] = &[
+        &[0, 1, 2, 6],
+        &[0, 5, 1, 6],
+        &[0, 4, 5, 6],
+        &[0, 2, 3, 6],
+        &[0, 3, 7, 6],
+        &[0, 7, 4, 6],
+    ];
+    let parts = match shape {
+        CellShape::Prism => PRISMS,
+        _ => TETRAHEDRA,
+    };
+    let mut cut = VolumeMesh::new(mesh.positions.clone());
+    for (_, cell) in mesh.cells() {
+        for part in parts {
+            let corners: Vec<u32> = part.iter().map(|&k| cell[k]).collect();
+            cut.push_cell(shape, &corners);
+        }
+    }
+    cut
+}
+
+#[test]
+fn prisms_and_tetrahedra_fit_as_well() {
+    let shape = RoundedBox {
+        half: DVec3::new(1.2, 0.8, 0.6),
+        radius: 0.4,
+    };
+    let target = shape.grid([24, 16, 12]).triangulate();
+    let start = volume::grid(0.75 * -shape.half, 0.75 * shape.half, [3, 2, 2]);
+    for shape in [CellShape::Prism, CellShape::Tetrahedron] {
+        let template = VolumeTemplate::Mesh {
+            mesh: cut(&start, shape),
+            align: Align::None,
+        };
+        let fit = fitted(&target, &template, &order(3));
+        let [max, rms] = errors(&target, &fit);
+        println!("{shape:?} {max} {rms}");
+        assert!(max < 1.5 && rms < 0.2, "{shape:?} {max} {rms}");
+    }
+}
+
+#[test]
+fn fourier_modes_and_the_trapezoidal_rule_work_too() {
+    use vorofit::model::element::Rule;
+    let sphere = shapes::sphere(1.0, 4);
+    let options = VolumeOptions {
+        basis: Basis::Fourier,
+        rule: Rule::Trapezoid,
+        ..order(2)
+    };
+    let fit = fitted(&sphere, &VolumeTemplate::Ball(2), &options);
+    let [max, _] = errors(&sphere, &fit);
+    assert!(max < 1.0, "{max}");
+}
+
+#[test]
+fn threads_do_not_matter() {
+    let target = shapes::lobed_ball(3);
+    let run = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
+        let work = || fitted(&target, &VolumeTemplate::Ball(1), &order(3));
+        pool.build().unwrap().install(work).volume.coefficients
+    };
+    let first = run(1);
+    for threads in [2, 3] {
+        assert!(first == run(threads), "{threads} threads");
+    }
+}
+
+/// Interrupts after some steps.
+struct Impatient(AtomicUsize);
+
+impl Progress for Impatient {
+    fn event(&self, event: Event<'_>) {
+        if let Event::Step { .. } = event {
+            self.0.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+
+    fn interrupted(&self) -> bool {
+        self.0.load(Ordering::Relaxed) >= 7
+    }
+}
+
+#[test]
+fn an_interrupted_fit_has_the_order_asked_for_and_what_was_reached() {
+    let target = Target::new(&Device::Cpu, &shapes::lobed_ball(3)).unwrap();
+    let start = VolumeStart::new(&target, &VolumeTemplate::Ball(1)).unwrap();
+    let impatient = Impatient(AtomicUsize::new(0));
+    let fit = fit_volume(&Device::Cpu, &target, start, &order(2), &impatient).unwrap();
+    assert_eq!(fit.stop_reason, StopReason::Interrupted);
+    assert_eq!(fit.iterations.len(), 7);
+    assert_eq!(fit.volume.highest_order(), 2);
+    let limited = VolumeOptions {
+        iterations: Some(9),
+        ..order(2)
+    };
+    let fit = fitted(&shapes::lobed_ball(3), &VolumeTemplate::Ball(1), &limited);
+    assert_eq!(
+        (fit.stop_reason, fit.iterations.len()),
+        (StopReason::Iterations, 9)
+    );
+}
+
+#[test]
+fn a_mesh_in_another_frame_is_curved() {
+    let sphere = shapes::sphere(30.0, 5);
+    let ball = volume::ball(DVec3::new(4.0, 1.0, 0.0), DVec3::new(6.0, 3.0, 2.0), 3);
+    let template = VolumeTemplate::Mesh {
+        mesh: ball,
+        align: Align::Similarity,
+    };
+    let fit = fitted(&sphere, &template, &order(2));
+    let [max, rms] = errors(&sphere, &fit);
+    println!("{max} {rms}, {} iterations", fit.iterations.len());
+    assert!(max < 0.1 && rms < 0.02, "{max} {rms}");
+    let frame = Target::new(&Device::Cpu, &sphere).unwrap().frame;
+    let vertices = fit.volume.vertex_count();
+    let there = fit.in_input_frame(&frame);
+    let largest = there.coefficients[..vertices].iter().map(|p| p.length());
+    assert!((largest.fold(0.0, f64::max) - 30.0).abs() < 0.1);
+}
+
+/// A real volume mesh, or nothing with a word on what was skipped.
+fn real(name: &str) -> Option<Vec<u8>> {
+    let folder = std::env::var_os("VOROFIT_DATA").map_or_else(
+        || PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data")),
+        PathBuf::from,
+    );
+    let path = folder.join("volumes").join(name);
+    let bytes = std::fs::read(&path).ok();
+    if bytes.is_none() {
+        println!("skipped: {} is not there", path.display());
+    }
+    bytes
+}
+
+#[test]
+fn prisms_of_others_are_curved_over_their_own_boundary() {
+    let name = "mfem_toroid-wedge.mesh";
+    let Some(bytes) = real(name) else { return };
+    let mesh = volume_from_bytes(name.as_ref(), &bytes).unwrap().mesh;
+    let target = boundary(&mesh);
+    let template = VolumeTemplate::Mesh {
+        mesh,
+        align: Align::None,
+    };
+    let fit = fitted(&target, &template, &order(3));
+    let [max, rms] = errors(&target, &fit);
+    println!("{} cells, {max} {rms}", fit.volume.cell_count());
+    assert!(max < 2.0 && rms < 0.5, "{max} {rms}");
+}

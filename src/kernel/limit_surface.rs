@@ -4,7 +4,7 @@
 //! found by a search of all patches that cannot miss ([`PatchSearch`]).
 //!
 //! **Practice.** The CPU twin runs in f64. The GPU twin takes the same steps in f32, in coordinates where the surface is centred and about 1 in
-//! size, relative to the query, on tables of the first [`LEVELS`] levels around irregular corners; what is nearer to such a corner it leaves open. It answers
+//! size, relative to the query, on tables of the first `LEVELS` levels around irregular corners; what is nearer to such a corner it leaves open. It answers
 //! with parameters; the host finishes them with the f64 twin, mostly one step, so that the point and its distance are exact. The GPU
 //! twin is for Loop surfaces; Catmull–Clark surfaces run on the CPU. Evaluation and both searches in f64 are at home in the model, which this kernel alone reaches
 //! up to.

@@ -5,7 +5,7 @@
 //! come to an end.
 //!
 //! **Practice.** The topology stays: a flip is refused where its new edge is there already. Boundaries and creases stay, and so do edges
-//! where the surface bends ([`FLAT`]): flipping those would cut a ridge or bridge a valley. A boundary vertex keeps two faces, since with
+//! where the surface bends (`FLAT`): flipping those would cut a ridge or bridge a valley. A boundary vertex keeps two faces, since with
 //! one it would become a corner of the surface.
 
 use super::split::check_triangles;

@@ -1,12 +1,12 @@
 //! Loop surfaces by the geometric algorithm \[NMM08: Y. Nishiyama, M. Morioka, T. Maekawa, *Loop subdivision surface fitting by geometric algorithms*, 2008\].
 //!
 //! **Theory.** Repeat: find the footpoint of every point of the data on the exact limit surface, starting from the parameters of the last time; move the
-//! control points towards the data on these footpoints; once in [`ROUND`] iterations (the paper: five) split faces where the error is large, and flip edges. The error of a
+//! control points towards the data on these footpoints; once in `ROUND` iterations (the paper: five) split faces where the error is large, and flip edges. The error of a
 //! surface is what the distances of the data from it are, measured at last by a full search.
 //!
 //! **Departures from the paper.** The paper moves each control point by the mean of the error vectors around it ([`Step::Displacement`]). By default linear least
 //! squares on the same footpoints do it ([`Step::LeastSquares`]), in which a distance counts fully along its own direction and little across it, so that
-//! footpoints may slide. Faces are split worst first, none that is within the tolerance, and no more than the mean error asks for at its order of convergence ([`ORDER`]).
+//! footpoints may slide. Faces are split worst first, none that is within the tolerance, and no more than the mean error asks for at its order of convergence (`ORDER`).
 //! A few peaks that are left are pulled to the tolerance with a large weight. A footpoint that has settled rests for one iteration only: left alone for a
 //! whole round, it drifts along the surface, and the fit stands still. Points of the boundary of the data have their
 //! footpoints on the boundary curve of the surface, from which their distances are measured. While there are many more points than control

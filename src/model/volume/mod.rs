@@ -4,7 +4,7 @@
 //! per entity under the maximum rule: an edge or a face has the highest order of the cells around it. A cell computes at its
 //! *kernel order*, the highest of its entities; modes that an entity lacks are zero there, so any mix conforms.
 //!
-//! The [`gather`](CurvedVolume::gather) takes coefficients to the local modes of cells, in the order that [`element`] defines; its transpose takes
+//! The [`gather`](CurvedVolume::gather) takes coefficients to the local modes of cells, in the order that [`crate::model::element`] defines; its transpose takes
 //! gradients back. Local modes are in the cell's *frame*: tetrahedra and the triangles of prisms take their corners by ascending
 //! vertex. A frame may be a mirror image; then [`reference_inverse`](CurvedVolume::reference_inverse) is one too, so that
 //! J = ∇h A⁻¹ and the sign of its determinant are those of the cell as it was given.

@@ -83,7 +83,7 @@ fn what_cannot_be_started_from_is_refused_with_a_remedy() {
 fn a_tolerance_is_met_by_either_step_and_holds_in_a_search_of_the_dense_surface() {
     let ball = wavy_ball(4);
     let data = Data::of_mesh(&ball, None, 0).expect("a ball");
-    for step in [Step::LeastSquares, Step::Displacement] {
+    for (step, most) in [(Step::LeastSquares, 200), (Step::Displacement, 800)] {
         let options = Options {
             step,
             levels: 5,
@@ -100,7 +100,7 @@ fn a_tolerance_is_met_by_either_step_and_holds_in_a_search_of_the_dense_surface(
             100.0 * error.mean
         );
         assert!(error.max <= 0.001 && error.mean <= 0.0002);
-        assert!(fit.control.mesh.positions.len() < 800);
+        assert!(fit.control.mesh.positions.len() < most);
         let dense = fit.surface.triangulate();
         let tree = Bvh::new(&dense.positions, &dense.triangles).expect("triangles");
         let distance = |p: &DVec3| tree.closest(*p).distance_squared.sqrt();
@@ -395,8 +395,9 @@ fn the_bunny_is_nearer_than_peers_bring_it_at_equal_counts() {
         return;
     };
     let data = Data::of_mesh(&bunny, None, 0).expect("a bunny");
-    // Control points; the largest and root mean square error of the peer, in percent.
-    for (count, max, rms) in [(390, 0.765, 0.110), (627, 0.658, 0.075)] {
+    // Control points; the largest and root mean square error of the peer, in percent. At 390 points its largest error, 0.765, is not
+    // reached: it is at the rims of the holes.
+    for (count, max, rms) in [(390, 0.95, 0.110), (627, 0.658, 0.075)] {
         let options = Options {
             levels: 3,
             ..Options::default()
@@ -410,8 +411,7 @@ fn the_bunny_is_nearer_than_peers_bring_it_at_equal_counts() {
             100.0 * error.max(),
             100.0 * reached
         );
-        // The largest error hangs on single places at the rims of the holes.
-        assert!(100.0 * error.max() < 1.5 * max && 100.0 * reached < 0.8 * rms);
+        assert!(100.0 * error.max() < max && 100.0 * reached < 0.8 * rms);
     }
 }
 

@@ -15,12 +15,13 @@
 //! use vorofit::files::{SurfaceToWrite, read_surface, write_surface};
 //! use vorofit::fit::{Options, Start, Target, Template, fit};
 //! use vorofit::progress::Silent;
+//! use vorofit::template::Genus;
 //!
 //! # fn main() -> vorofit::Result<()> {
 //! let scan = read_surface("scan.ply".as_ref())?.mesh.triangulate();
 //! let target = Target::new(&Device::Cpu, &scan)?;
 //! let options = Options::default();
-//! let template = Template::BoundingBox { control_points: 1500 };
+//! let template = Template::Automatic { control_points: 1500, genus: Genus::default() };
 //! let start = Start::new(&target, &template, options.scheme)?;
 //! let mut fitted = fit(&Device::Cpu, &target, start, &options, &Silent)?;
 //! for p in &mut fitted.control.mesh.positions {
@@ -36,15 +37,16 @@
 //! | floor | holds |
 //! | --- | --- |
 //! | `cli` | one file a command: parse, call, print |
-//! | [`report`], [`benchmark`] | the JSON report; both twins of every kernel side by side |
+//! | [`report`], [`benchmark`] | the report as JSON and as a page to look at; both twins of every kernel side by side |
 //! | [`fit`] | the recipes |
-//! | [`template`], [`demo`] | where a model starts; the built-in scan |
+//! | [`template`], [`reconstruction`], [`demo`] | where a model starts; a surface from a cloud of points; the built-in scan |
 //! | [`energy`], [`measure`] | terms on the host; distances, by code that no fit uses |
 //! | [`model`] | P → X = M P: polygon, Catmull–Clark, Loop; their limit surfaces; curved elements |
 //! | [`optimize`] | L-BFGS, which knows nothing but a closure |
 //! | [`topology`] | edits of connectivity: simplification, splits, flips, cuts |
 //! | [`kernel`] | the heavy operations and their twins |
 //! | [`device`] | the only place that names wgpu |
+//! | [`picture`] | pictures of surfaces, drawn in software |
 //! | [`files`] | one file a format |
 //! | [`geometry`], [`mesh`] | scalar f64 geometry; meshes as flat arrays |
 //! | [`mod@error`], [`progress`] | messages that say what to do; the events of a run |
@@ -65,7 +67,9 @@ pub mod measure;
 pub mod mesh;
 pub mod model;
 pub mod optimize;
+pub mod picture;
 pub mod progress;
+pub mod reconstruction;
 pub mod report;
 pub mod template;
 pub mod topology;

@@ -157,10 +157,10 @@ fn flips_for_valence_regularize_what_splits_upset() {
         let marked: Vec<bool> = (0..start.mesh.face_count()).map(|f| f % 11 == 0).collect();
         let mut control = split(&start, &marked);
         let before = irregularity(&checked(&control));
-        let changed = flip_for_valence(&mut control).expect("triangles");
+        let flips = flip_for_valence(&mut control).expect("triangles");
         let after = irregularity(&checked(&control));
-        println!("R {before} → {after}, {} faces changed", changed.len());
-        assert!(!changed.is_empty() && after < before);
+        println!("R {before} → {after} by {} flips", flips.len());
+        assert!(!flips.is_empty() && after < before);
         // The second time there is nothing to do.
         assert!(
             flip_for_valence(&mut control)

@@ -1,29 +1,17 @@
 //! Surfaces through files: real scans are read with their known flaws, no content whatever makes a reader panic, and what is written is
 //! read back the same.
 
+mod common;
+
 use glam::DVec3;
 use proptest::prelude::*;
 use serde_json::json;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use vorofit::files::{SurfaceToWrite, read_surface, surface_from_bytes, write_surface};
 use vorofit::mesh::check::{self, Census};
 use vorofit::mesh::{ControlMesh, Crease, PolygonMesh, Scheme};
 
 const READ_FORMATS: [&str; 5] = ["obj", "ply", "stl", "off", "usda"];
-
-/// A file of the public scans, which are no part of the repository; `None` is reported.
-fn scan(name: &str) -> Option<PathBuf> {
-    let folder = std::env::var_os("VOROFIT_DATA").map_or_else(
-        || Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"),
-        PathBuf::from,
-    );
-    let path = folder.join(name);
-    if !path.exists() {
-        eprintln!("skipped: {name} is not in {}", folder.display());
-        return None;
-    }
-    Some(path)
-}
 
 #[test]
 fn real_surfaces_have_their_published_sizes_and_flaws() {
@@ -60,6 +48,17 @@ fn real_surfaces_have_their_published_sizes_and_flaws() {
                 boundary_edges: 576,
                 boundary_loops: 16,
                 ..clean(2_010, 3_476)
+            },
+        ),
+        // Points in a range grid.
+        (
+            "scans/dragonStandRight_0.ply",
+            Census {
+                unreferenced_vertices: 40,
+                components: 23,
+                boundary_edges: 4_223,
+                boundary_loops: 35,
+                ..clean(41_841, 79_361)
             },
         ),
         (
@@ -109,7 +108,7 @@ fn real_surfaces_have_their_published_sizes_and_flaws() {
         ),
     ];
     for (name, census) in expected {
-        if let Some(path) = scan(name) {
+        if let Some(path) = common::data(name) {
             assert_eq!(read_surface(&path).unwrap().census, census, "{name}");
         }
     }
@@ -117,12 +116,8 @@ fn real_surfaces_have_their_published_sizes_and_flaws() {
 
 #[test]
 fn point_clouds_are_no_surfaces() {
-    for name in [
-        "points/hippo.ply",
-        "points/ball.ply",
-        "scans/dragonStandRight_0.ply",
-    ] {
-        if let Some(path) = scan(name) {
+    for name in ["points/hippo.ply", "points/ball.ply"] {
+        if let Some(path) = common::data(name) {
             let message = read_surface(&path).unwrap_err().to_string();
             assert!(
                 message.contains("but no faces; give a surface"),

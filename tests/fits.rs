@@ -6,11 +6,10 @@ mod common;
 
 use common::gpu;
 use glam::DVec3;
-use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use vorofit::device::Device;
 use vorofit::files::read_surface;
-use vorofit::fit::{Fit, Options, Place, Start, StopReason, Target, fit};
+use vorofit::fit::{Fit, Options, Place, Proximity, Start, StopReason, Target, fit};
 use vorofit::measure::{SurfaceError, surface_error};
 use vorofit::mesh::sample::sample_by_area;
 use vorofit::mesh::shapes::{self, RoundedBox};
@@ -24,7 +23,7 @@ fn boxed(target: &Target, points: usize, subdivisions: usize) -> Start {
     Start {
         control: template::bounding_box(lo, hi, points),
         subdivisions,
-        nearby: false,
+        proximity: Proximity::Far,
     }
 }
 
@@ -212,7 +211,7 @@ fn a_torus_is_met_from_a_torus() {
     let start = Start {
         control: template::torus(&target.mesh, Axis::Inertia, 128).unwrap(),
         subdivisions: 0,
-        nearby: true,
+        proximity: Proximity::Near,
     };
     let fit = fit(&Device::Cpu, &target, start, &Options::default(), &Silent).unwrap();
     assert_within(
@@ -236,7 +235,7 @@ fn polygons_and_loop_surfaces_fit_too() {
     let triangulated = Start {
         control: triangles,
         subdivisions: 0,
-        nearby: false,
+        proximity: Proximity::Far,
     };
     let cases = [
         (
@@ -539,17 +538,9 @@ fn targets_with_flaws_are_fitted_all_the_same() {
     }
 }
 
-/// A surface of the real data, or a line that names what was skipped.
+/// A surface of the public data.
 fn scan(name: &str) -> Option<TriangleMesh> {
-    let folder = std::env::var_os("VOROFIT_DATA").map_or_else(
-        || PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../shared/data"),
-        PathBuf::from,
-    );
-    let path = folder.join("surfaces").join(name);
-    if !path.exists() {
-        println!("skipped: {name} is not there");
-        return None;
-    }
+    let path = common::data(&format!("surfaces/{name}"))?;
     Some(read_surface(&path).unwrap().mesh.triangulate())
 }
 
@@ -582,7 +573,7 @@ fn the_rocker_arm_is_met_from_a_torus() {
     let start = Start {
         control: template::torus(&target.mesh, Axis::Inertia, 128).unwrap(),
         subdivisions: 1,
-        nearby: true,
+        proximity: Proximity::Near,
     };
     let fit = fit(&Device::Cpu, &target, start, &Options::default(), &Silent).unwrap();
     // Short of the goal, 0.90 and 0.08.

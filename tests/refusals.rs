@@ -199,6 +199,17 @@ fn bad_usage_exits_with_two() {
             "0,0,1,0,0,0",
         ],
         &["fit", "a.obj", "-o", "b.obj", "--align", "box"],
+        &["fit", "a.obj", "-o", "b.obj", "--genus", "most"],
+        &[
+            "fit",
+            "a.obj",
+            "-o",
+            "b.obj",
+            "--template",
+            "bbox",
+            "--genus",
+            "keep",
+        ],
         &[
             "fit",
             "a.obj",

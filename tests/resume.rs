@@ -1,5 +1,9 @@
 //! Checkpoints: a fit that was interrupted goes on to the same bits, and nothing else is taken up.
 
+#[path = "common/program.rs"]
+mod program;
+
+use program::{folder_with_scan, json, succeed};
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use vorofit::Result;
@@ -137,4 +141,29 @@ fn what_is_no_checkpoint_is_refused_by_name() {
         assert!(message.contains("is damaged"), "{message}");
     }
     assert!(run(&quick(), &Silent, to(&folder.path().join("none/x"))).is_err());
+}
+
+#[test]
+fn the_program_leaves_checkpoints_and_goes_on_from_them() {
+    let folder = folder_with_scan("resume");
+    let at = |name: &str| folder.join(name).to_string_lossy().into_owned();
+    let scan = at("scan.ply");
+    let [whole, part, resumed, state] = ["whole.obj", "part.obj", "resumed.obj", "state"].map(at);
+    let fit = |rest: &[&str]| {
+        let start = ["fit", &scan, "--template", "bbox", "--control-points", "26"];
+        succeed(&[&start, rest].concat());
+    };
+    let report = at("whole.json");
+    fit(&["-o", &whole, "--json", &report]);
+    // The last phase is left unfinished, so that the checkpoint is of those before it.
+    let iterations = json(report.as_ref())["iterations"]
+        .as_array()
+        .expect("a list")
+        .len();
+    let most = (iterations - 5).to_string();
+    fit(&["-o", &part, "--iterations", &most, "--checkpoint", &state]);
+    fit(&["-o", &resumed, "--resume", &state]);
+    let bytes = |path: &str| std::fs::read(path).expect("written");
+    assert!(bytes(&part) != bytes(&whole));
+    assert!(bytes(&resumed) == bytes(&whole));
 }

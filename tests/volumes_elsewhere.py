@@ -168,8 +168,10 @@ def check_meshio(path, want):
     for block in mesh.cells:
         shape = {"tetra": "tetrahedron", "wedge": "prism", "hexahedron": "hexahedron"}[block.type.rstrip("0123456789")]
         wanted = [corners for s, corners in want["cells"] if s == shape]
+        # VTK numbers the triangles of wedges the other way round, which meshio passes on.
+        turned = [0, 2, 1, 3, 5, 4] if shape == "prism" and path.suffix == ".vtu" else slice(None)
         for cell, corners in zip(block.data, wanted):
-            found = mesh.points[cell[: len(corners)]]
+            found = mesh.points[cell[: len(corners)][turned]]
             wanted_points = [bent(p, want["order"]) for p in corners]
             assert abs(found - wanted_points).max() < 1e-15 * 10
             count += 1

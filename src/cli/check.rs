@@ -3,9 +3,10 @@
 use super::Outcome;
 use super::session::Session;
 use super::text::{count, significant};
+use super::volume_file::Reading;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
-use vorofit::files::{Volume, read_volume};
+use vorofit::files::Volume;
 use vorofit::measure::scaled_jacobian::{Quality, qualities};
 use vorofit::measure::validity::{Validity, validities};
 use vorofit::mesh::CellShape;
@@ -22,6 +23,8 @@ const LISTED: usize = 10;
 pub struct Args {
     /// Medit (.mesh, .meshb), MFEM (.mesh), legacy VTK (.vtk), .vtu or Gmsh 4.1 (.msh); curved cells as this program writes them
     volume: PathBuf,
+    #[command(flatten)]
+    reading: Reading,
 }
 
 impl Args {
@@ -29,18 +32,7 @@ impl Args {
         let mut stopwatch = Stopwatch::start();
         let terminal = &session.terminal;
         terminal.stage(&format!("reading {}", self.volume.display()));
-        let Volume {
-            mesh,
-            nodes,
-            warnings,
-        } = read_volume(&self.volume)?;
-        if !warnings.is_empty() {
-            terminal.warn(&format!(
-                "{}: {}",
-                self.volume.display(),
-                warnings.join(", ")
-            ));
-        }
+        let Volume { mesh, nodes, .. } = self.reading.read(session, &self.volume)?;
         let volume = match &nodes {
             Some(nodes) => CurvedVolume::from_nodes(&mesh, nodes)?,
             None => CurvedVolume::new(&mesh, Basis::Legendre)?,

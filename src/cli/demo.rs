@@ -1,6 +1,7 @@
 //! `vorofit demo`: the main job on the built-in scan.
 
-use super::job::{Job, Method, Outputs, Target, warn_of_flaws};
+use super::job::{Job, Method, PagePlace, Target, warn_of_flaws};
+use super::outputs::Outputs;
 use super::session::Session;
 use super::{Outcome, terminal};
 use std::path::PathBuf;
@@ -8,6 +9,8 @@ use vorofit::files::{SurfaceToWrite, write_surface};
 use vorofit::fit::{Checkpoints, Options, Template};
 use vorofit::mesh::PolygonMesh;
 use vorofit::mesh::check::Census;
+use vorofit::picture::Axis;
+use vorofit::report::page::check_folder;
 use vorofit::report::{Settings, Stopwatch};
 use vorofit::{Error, Result, demo};
 
@@ -34,6 +37,11 @@ impl Args {
         let options = Options::default();
         let scan_file = folder.join("scan.ply");
         outputs.check(options.scheme, &[&scan_file])?;
+        let page = PagePlace {
+            folder: folder.join("report"),
+            up: Axis::Z,
+        };
+        check_folder(&page.folder)?;
         session.device()?;
         terminal::catch_interrupts()?;
 
@@ -45,7 +53,10 @@ impl Args {
         Job {
             command: "demo",
             name: &scan_file,
-            target: Target::Surface(&scan),
+            target: Target::Surface {
+                mesh: &scan,
+                confidence: &[],
+            },
             settings: Settings::new("bbox".into(), Some(CONTROL_POINTS), &options),
             method: Method::Voronoi {
                 template: Template::BoundingBox {
@@ -56,6 +67,7 @@ impl Args {
             outputs,
             checkpoints: Checkpoints::default(),
             report: Some(folder.join("report.json")),
+            page: Some(page),
         }
         .run(session, stopwatch)
     }

@@ -1,22 +1,25 @@
 //! `vorofit fit`: a surface from a scan.
 
-use super::job::{Job, Method, Outputs, Target, warn_of_flaws};
+use super::job::{Job, Method, PagePlace, Target, warn_of_flaws};
+use super::outputs::Outputs;
+use super::render::AxisName;
 use super::session::Session;
 use super::text::parse_number;
 use super::{Outcome, bad_usage, terminal};
 use clap::ValueEnum;
 use glam::DVec3;
 use std::path::{Path, PathBuf};
-use vorofit::files::{Scan, check_place, read_control, read_scan};
+use vorofit::files::{Scan, check_place, read_control, read_scans};
 use vorofit::fit::{Checkpoint, Checkpoints, Options, Template, geometric};
 use vorofit::mesh::{ControlMesh, Scheme};
+use vorofit::report::page::check_folder;
 use vorofit::report::{Settings, Stopwatch};
-use vorofit::template::{Align, Axis};
+use vorofit::template::{Align, Axis, Genus};
 use vorofit::{Error, Result};
 
 const EXAMPLES: &str = "\
 Examples:
-  vorofit fit scan.ply -o control.obj
+  vorofit fit scan.ply -o control.obj --report seen
   vorofit fit scan.ply -o control.usda --control-points 6000 --surface surface.glb
   vorofit fit ring.stl -o control.obj --template torus
   vorofit fit scan.ply -o control.obj --template simplify --method geometric --scheme loop --max-error 0.1
@@ -30,19 +33,43 @@ const CONTROL_POINTS: usize = 1500;
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
-    /// The scan: .obj, .ply, .stl or .off; holes, overlaps and bad triangles are fine. Points without faces: .ply or .xyz, for --method
-    /// geometric
-    target: PathBuf,
+    /// The scan: .obj, .ply, .stl, .off or .usda; holes, overlaps and bad triangles are fine. Points without faces: .ply or .xyz. Several files are one
+    /// scan; a .conf among them places them (bmesh FILE tx ty tz qx qy qz qw), and stands for all that it names where it is alone
+    #[arg(required = true)]
+    target: Vec<PathBuf>,
     /// Write the control mesh (.obj, .ply, .off or .usda); may be repeated
     #[arg(short, long, required = true, value_name = "FILE")]
     output: Vec<PathBuf>,
     /// Write the dense fitted surface with its distance to the scan (.ply, .glb, .obj, .stl, .off or .usda); may be repeated
     #[arg(long, value_name = "FILE")]
     surface: Vec<PathBuf>,
-    /// What to start from: a box (for targets like a ball), a torus (for those with one hole), the simplified target, or a mesh, whose creases
-    /// and corners (.usda, .obj with OpenSubdiv's tags) stay sharp [default: bbox; simplify with --method geometric]
-    #[arg(long, value_name = "bbox|torus|simplify|FILE")]
+    /// Write a report into this folder: a page (index.html) that shows scan, cage and surface from all sides with figures and charts, and its pictures
+    #[arg(long, value_name = "DIR")]
+    report: Option<PathBuf>,
+    /// The axis that is upwards on the page
+    #[arg(
+        long,
+        value_enum,
+        default_value_t,
+        requires = "report",
+        hide_possible_values = true,
+        value_name = "x|y|z"
+    )]
+    up: AxisName,
+    /// What to start from: quads around the scan with its handles, a box (for targets like a ball), a torus (for those with one hole), the
+    /// simplified target, or a mesh, whose creases and corners (.usda, .obj with OpenSubdiv's tags) stay sharp [default: auto; simplify with
+    /// --method geometric]
+    #[arg(long, value_name = "auto|bbox|torus|simplify|FILE")]
     template: Option<String>,
+    /// What becomes of handles and tunnels that are less than 3.5 % of the diagonal around, in --template auto [default: simplify, which closes
+    /// them]
+    #[arg(
+        long,
+        value_enum,
+        hide_possible_values = true,
+        value_name = "keep|simplify"
+    )]
+    genus: Option<GenusName>,
     /// How to fit: by Voronoi squared distances, or by closest points on the exact limit surface, with more control points where a tolerance
     /// asks for them
     #[arg(
@@ -88,7 +115,7 @@ pub struct Args {
     /// the vertices]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(8..=10_000_000))]
     control_points: Option<u32>,
-    /// Control points that --method geometric may end with [default: half as many as points to fit to]
+    /// Control points that --method geometric may end with [default: three quarters of the points to fit to]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(4..=10_000_000))]
     max_control_points: Option<u32>,
     /// Subdivisions from control mesh to dense surface [default: 2; for polygon 0]
@@ -116,6 +143,9 @@ pub struct Args {
     /// Stop after so many iterations of all phases
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     iterations: Option<u32>,
+    /// The share of the scan that may be far from the surface without pulling at it, in percent from 0 to 50: stray points, spikes, what stood behind
+    #[arg(long, value_name = "%", default_value_t = 0.0, hide_default_value = true, value_parser = parse_outliers)]
+    outliers: f64,
     /// Keep the state of the fit in a file after every phase, for --resume [default: the file of --resume, if any]
     #[arg(long, value_name = "FILE")]
     checkpoint: Option<PathBuf>,
@@ -139,6 +169,12 @@ enum MethodName {
     #[default]
     Vsdm,
     Geometric,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum GenusName {
+    Keep,
+    Simplify,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -183,6 +219,7 @@ impl Args {
             surface: self.surface.clone(),
         };
         outputs.check(self.scheme(), &self.inputs())?;
+        self.report.as_deref().map_or(Ok(()), check_folder)?;
         let checkpoints = self.checkpoints()?;
         session.device()?;
         terminal::catch_interrupts()?;
@@ -190,26 +227,33 @@ impl Args {
         let stopwatch = Stopwatch::start();
         session
             .terminal
-            .stage(&format!("reading {}", self.target.display()));
+            .stage(&format!("reading {}", self.target[0].display()));
         let (method, settings) = self.method()?;
         outputs.check_sharp(method.template(), self.scheme())?;
-        let scan = read_scan(&self.target)?;
+        let scan = read_scans(&self.target)?;
         let target = match &scan {
             Scan::Surface(surface) => {
-                warn_of_flaws(session, &self.target, &surface.census);
-                Target::Surface(&surface.mesh)
+                warn_of_flaws(session, &self.target[0], &surface.census);
+                Target::Surface {
+                    mesh: &surface.mesh,
+                    confidence: &surface.confidence,
+                }
             }
             Scan::Points(points) => Target::Points(points),
         };
         Job {
             command: "fit",
-            name: &self.target,
+            name: &self.target[0],
             target,
             method,
             settings,
             outputs,
             checkpoints,
             report: None,
+            page: self.report.clone().map(|folder| PagePlace {
+                folder,
+                up: self.up.into(),
+            }),
         }
         .run(session, stopwatch)
     }
@@ -225,12 +269,16 @@ impl Args {
                 "--axis needs --template torus",
             ),
             (
+                self.genus.is_some() && self.template_name() != "auto",
+                "--genus needs --template auto",
+            ),
+            (
                 self.align.is_some() && !from_file,
                 "--align needs --template FILE",
             ),
             (
                 self.control_points.is_some() && from_file,
-                "--control-points is for bbox, torus and simplify: a template FILE brings its own",
+                "--control-points is for auto, bbox, torus and simplify: a template FILE brings its own",
             ),
             (
                 self.limit.is_some() && self.scheme() == Scheme::Polygon,
@@ -252,7 +300,7 @@ impl Args {
                 "--method geometric fits Loop surfaces: --scheme loop",
             ),
             (
-                geometric && matches!(self.template_name(), "bbox" | "torus"),
+                geometric && matches!(self.template_name(), "auto" | "bbox" | "torus"),
                 "--method geometric needs a start near the scan: --template simplify or FILE",
             ),
             (
@@ -262,6 +310,10 @@ impl Args {
                         || self.polish.is_some()
                         || self.limit.is_some()),
                 "--smoothness, --anisotropy, --polish and --limit are for --method vsdm",
+            ),
+            (
+                geometric && self.outliers > 0.0,
+                "--outliers is for --method vsdm",
             ),
             (
                 geometric && (self.checkpoint.is_some() || self.resume.is_some()),
@@ -279,7 +331,7 @@ impl Args {
 
     fn template_name(&self) -> &str {
         let default = match self.method {
-            MethodName::Vsdm => "bbox",
+            MethodName::Vsdm => "auto",
             MethodName::Geometric => "simplify",
         };
         self.template.as_deref().unwrap_or(default)
@@ -295,12 +347,12 @@ impl Args {
 
     fn template_file(&self) -> Option<&Path> {
         let name = self.template_name();
-        (!matches!(name, "bbox" | "torus" | "simplify")).then(|| Path::new(name))
+        (!matches!(name, "auto" | "bbox" | "torus" | "simplify")).then(|| Path::new(name))
     }
 
     fn inputs(&self) -> Vec<&Path> {
-        let target = std::iter::once(self.target.as_path());
-        target.chain(self.template_file()).collect()
+        let targets = self.target.iter().map(PathBuf::as_path);
+        targets.chain(self.template_file()).collect()
     }
 
     fn checkpoints(&self) -> Result<Checkpoints> {
@@ -353,6 +405,13 @@ impl Args {
     fn template(&self) -> Result<Template> {
         let control_points = self.control_points().unwrap_or_default();
         Ok(match self.template_name() {
+            "auto" => Template::Automatic {
+                control_points,
+                genus: match self.genus {
+                    Some(GenusName::Keep) => Genus::Keep,
+                    Some(GenusName::Simplify) | None => Genus::Simplify,
+                },
+            },
             "bbox" => Template::BoundingBox { control_points },
             "simplify" => Template::Simplified { control_points },
             "torus" => Template::Torus {
@@ -367,7 +426,7 @@ impl Args {
     }
 
     fn template_mesh(&self, path: &Path) -> Result<(ControlMesh, Align)> {
-        let control = read_control(path).map_err(hint_at_grids)?;
+        let control = read_control(path).map_err(hint_at_names)?;
         let align = self.align.map_or(Align::None, Align::from);
         Ok((control, align))
     }
@@ -393,6 +452,7 @@ impl Args {
             max_error: share(self.max_error),
             mean_error: share(self.mean_error),
             iterations: self.iterations.map(|n| n as usize),
+            outliers: self.outliers / 100.0,
             seed: self.seed,
         }
     }
@@ -417,14 +477,14 @@ fn share(percent: Option<f64>) -> Option<f64> {
     percent.map(|percent| percent / 100.0)
 }
 
-/// A mistyped name of a grid reads like a file that is not there.
-fn hint_at_grids(error: Error) -> Error {
+/// A mistyped name of a template reads like a file that is not there.
+fn hint_at_names(error: Error) -> Error {
     match error {
         Error::Io { path, source } if source.kind() == std::io::ErrorKind::NotFound => Error::file(
             &path,
             "template",
             "there is no such file",
-            "give bbox, torus, simplify or a mesh",
+            "give auto, bbox, torus, simplify or a mesh",
         ),
         other => other,
     }
@@ -448,6 +508,10 @@ fn parse_axis(text: &str) -> Result<Axis, String> {
 
 fn parse_positive(text: &str) -> Result<f64, String> {
     parse_number(text, |x| x > 0.0, "above 0")
+}
+
+fn parse_outliers(text: &str) -> Result<f64, String> {
+    parse_number(text, |x| (0.0..=50.0).contains(&x), "from 0 to 50")
 }
 
 fn parse_from_0(text: &str) -> Result<f64, String> {

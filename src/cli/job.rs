@@ -1,16 +1,20 @@
 //! What `fit` and `demo` have in common: fit, judge, write, and say so.
 
 use super::Outcome;
+use super::outputs::Outputs;
 use super::session::Session;
-use super::text::{Summary, count, significant};
+use super::text::{Summary, command_line, count, significant};
 use glam::DVec3;
 use std::path::{Path, PathBuf};
-use vorofit::files::{SurfaceToWrite, check_place, check_writable, write_surface};
+use vorofit::files::{SurfaceToWrite, write_surface};
 use vorofit::fit::geometric::{self, Data};
 use vorofit::fit::{self, Checkpoints, Fit, Iteration, Options, Start, StopReason, Template};
 use vorofit::measure;
 use vorofit::mesh::check::Census;
-use vorofit::mesh::{ControlMesh, Frame, PolygonMesh, Scheme, shapes};
+use vorofit::mesh::{ControlMesh, Frame, PointCloud, PolygonMesh, Scheme, TriangleMesh};
+use vorofit::picture;
+use vorofit::reconstruction;
+use vorofit::report::page::{PAGE, Page, Subject};
 use vorofit::report::{
     DeviceReport, ErrorReport, Figures, Report, ResultReport, Settings, Stopwatch, TargetReport,
     Timing,
@@ -33,29 +37,61 @@ pub struct Job<'a> {
     pub checkpoints: Checkpoints,
     /// A file for the report, beside the one that the user may ask for.
     pub report: Option<PathBuf>,
+    /// A folder for the report as a page.
+    pub page: Option<PagePlace>,
+}
+
+/// Where a page goes, and what is upwards on it.
+pub struct PagePlace {
+    pub folder: PathBuf,
+    pub up: picture::Axis,
 }
 
 /// What to fit to, in its own coordinates.
 #[derive(Clone, Copy)]
 pub enum Target<'a> {
-    Surface(&'a PolygonMesh),
-    Points(&'a [DVec3]),
+    Surface {
+        mesh: &'a PolygonMesh,
+        /// `[vertices]`, or empty where all are trusted alike.
+        confidence: &'a [f64],
+    },
+    Points(&'a PointCloud),
 }
 
 impl Target<'_> {
     fn vertex_count(self) -> usize {
         match self {
-            Self::Surface(mesh) => mesh.positions.len(),
-            Self::Points(points) => points.len(),
+            Self::Surface { mesh, .. } => mesh.positions.len(),
+            Self::Points(points) => points.positions.len(),
         }
     }
 
     fn face_count(self) -> usize {
         match self {
-            Self::Surface(mesh) => mesh.face_count(),
+            Self::Surface { mesh, .. } => mesh.face_count(),
             Self::Points(_) => 0,
         }
     }
+
+    /// In the unit frame, where f64 has digits to spare; points as a mesh without triangles. The fit's own target may have its holes bridged;
+    /// this is the input.
+    fn in_frame(self, frame: &Frame) -> TriangleMesh {
+        let mesh = match self {
+            Self::Surface { mesh, .. } => mesh.triangulate(),
+            Self::Points(points) => TriangleMesh {
+                positions: points.positions.clone(),
+                triangles: Vec::new(),
+            },
+        };
+        in_frame(mesh, frame)
+    }
+}
+
+fn in_frame(mut mesh: TriangleMesh, frame: &Frame) -> TriangleMesh {
+    for p in &mut mesh.positions {
+        *p = frame.to_unit(*p);
+    }
+    mesh
 }
 
 /// How to fit.
@@ -99,70 +135,6 @@ impl Method {
     }
 }
 
-/// The files to write.
-#[derive(Debug, Default)]
-pub struct Outputs {
-    pub control: Vec<PathBuf>,
-    pub surface: Vec<PathBuf>,
-}
-
-impl Outputs {
-    /// Refuses, before any work, what could not be written after it, and what would replace an input.
-    pub fn check(&self, scheme: Scheme, inputs: &[&Path]) -> Result<()> {
-        let triangle: PolygonMesh = shapes::sphere(1.0, 0).into();
-        let control = ControlMesh::from(triangle.clone());
-        for path in &self.control {
-            check_writable(path, &SurfaceToWrite::control(&control, scheme))?;
-        }
-        for path in &self.surface {
-            check_writable(path, &SurfaceToWrite::dense(&triangle, None))?;
-        }
-        refuse_clashes(self.control.iter().chain(&self.surface), inputs)
-    }
-
-    /// Refuses, before the fit, files that could not hold the creases and corners of the template.
-    pub fn check_sharp(&self, template: Option<&ControlMesh>, scheme: Scheme) -> Result<()> {
-        let Some(control) = template else {
-            return Ok(());
-        };
-        let mut example = ControlMesh::from(PolygonMesh::from(shapes::sphere(1.0, 0)));
-        if !(control.creases.is_empty() && control.corners.is_empty()) {
-            example.corners = vec![0];
-        }
-        let surface = SurfaceToWrite::control(&example, scheme);
-        self.control
-            .iter()
-            .try_for_each(|path| check_writable(path, &surface))
-    }
-}
-
-/// Refuses output files that cannot be made, that would replace an input, or that are given twice.
-pub fn refuse_clashes<'a>(
-    outputs: impl Iterator<Item = &'a PathBuf>,
-    inputs: &[&Path],
-) -> Result<()> {
-    let all: Vec<&PathBuf> = outputs.collect();
-    for (k, path) in all.iter().enumerate() {
-        check_place(path)?;
-        if inputs.iter().any(|input| is_same_file(input, path)) {
-            return Err(refused(path, "it is also an input"));
-        }
-        if all[..k].contains(path) {
-            return Err(refused(path, "it is given twice"));
-        }
-    }
-    Ok(())
-}
-
-fn is_same_file(a: &Path, b: &Path) -> bool {
-    let resolved = |path: &Path| std::fs::canonicalize(path).ok();
-    resolved(a).is_some_and(|a| resolved(b) == Some(a))
-}
-
-fn refused(path: &Path, problem: &str) -> Error {
-    Error::file(path, "output", problem, "give another name")
-}
-
 /// A fit that has run, in input coordinates.
 struct Finished {
     control: ControlMesh,
@@ -173,13 +145,14 @@ struct Finished {
     error: ErrorReport,
     iterations: Vec<Iteration>,
     stop_reason: StopReason,
+    page: Option<Page>,
 }
 
 impl Job<'_> {
     /// Runs it, with a stopwatch that has measured the reading so far.
     pub fn run(&self, session: &Session, mut stopwatch: Stopwatch) -> Result<Outcome> {
         stopwatch.lap("read");
-        let finished = self.fit(session, &mut stopwatch)?;
+        let mut finished = self.fit(session, &mut stopwatch)?;
         session.terminal.stage("writing");
         self.write(&finished)?;
         stopwatch.lap("write");
@@ -188,9 +161,13 @@ impl Job<'_> {
             StopReason::Interrupted => Outcome::Interrupted,
             _ => Outcome::Done,
         };
+        let page = finished.page.take();
         let report = self.report(session, finished, &stopwatch)?;
         if let Some(path) = &self.report {
             report.write(path)?;
+        }
+        if let (Some(place), Some(page)) = (&self.page, &page) {
+            page.write(&place.folder, &report, &command_line())?;
         }
         session.finish(&report, &self.summary(&report))?;
         Ok(outcome)
@@ -198,9 +175,24 @@ impl Job<'_> {
 
     fn fit(&self, session: &Session, stopwatch: &mut Stopwatch) -> Result<Finished> {
         session.terminal.stage("preparing the target");
+        // Of a cloud, where the method needs one.
+        let mut reconstructed = None;
         let (frame, fit) = match &self.method {
             Method::Voronoi { template, options } => {
-                self.fit_voronoi(session, template, options, stopwatch)?
+                let (surface, confidence) = match self.target {
+                    Target::Surface { mesh, confidence } => (mesh.triangulate(), confidence),
+                    Target::Points(points) => {
+                        let surface = reconstruction::surface(points);
+                        let surface = surface.map_err(|e| in_file(e, self.name, "points"))?;
+                        reconstructed = Some(surface.clone());
+                        (surface, [].as_slice())
+                    }
+                };
+                let device = session.device()?;
+                let target = fit::Target::with_confidence(device, &surface, confidence)
+                    .map_err(|e| in_file(e, self.name, "faces"))?;
+                stopwatch.lap("prepare");
+                self.fit_voronoi(session, &target, template, options, stopwatch)?
             }
             Method::Geometric {
                 start,
@@ -209,10 +201,10 @@ impl Job<'_> {
                 options,
             } => {
                 let data = match self.target {
-                    Target::Surface(target) => {
-                        Data::of_mesh(&target.triangulate(), *samples, *seed)
+                    Target::Surface { mesh, .. } => {
+                        Data::of_mesh(&mesh.triangulate(), *samples, *seed)
                     }
-                    Target::Points(points) => Data::of_points(points),
+                    Target::Points(points) => Data::of_points(&points.positions),
                 };
                 let data = data.map_err(|e| in_file(e, self.name, "target"))?;
                 stopwatch.lap("prepare");
@@ -220,7 +212,16 @@ impl Job<'_> {
             }
         };
         session.terminal.stage("measuring the error");
-        let (error, distances) = self.judge(&frame, &fit)?;
+        let target = match &reconstructed {
+            Some(surface) => in_frame(surface.clone(), &frame),
+            None => self.target.in_frame(&frame),
+        };
+        let (error, distances) = self.judge(&target, &frame, &fit)?;
+        stopwatch.lap("measure");
+        let page = self.draw(session, &target, &fit, distances.as_deref())?;
+        if page.is_some() {
+            stopwatch.lap("report");
+        }
         let mut finished = Finished {
             control: fit.control,
             surface: fit.surface,
@@ -229,39 +230,38 @@ impl Job<'_> {
             error,
             iterations: fit.iterations,
             stop_reason: fit.stop_reason,
+            page,
         };
         let control = &mut finished.control.mesh.positions;
         for p in control.iter_mut().chain(&mut finished.surface.positions) {
             *p = frame.to_input(*p);
         }
-        stopwatch.lap("measure");
+        for d in finished.distances.iter_mut().flatten() {
+            *d *= frame.diagonal;
+        }
         Ok(finished)
     }
 
     fn fit_voronoi(
         &self,
         session: &Session,
+        target: &fit::Target,
         template: &Template,
         options: &Options,
         stopwatch: &mut Stopwatch,
     ) -> Result<(Frame, Fit)> {
-        let Target::Surface(target) = self.target else {
-            return Err(Error::file(
-                self.name,
-                "faces",
-                "there are points but no faces, and Voronoi squared distances need a surface",
-                "fit points with --method geometric and --template FILE, or make a mesh of them",
-            ));
-        };
         let about_template = |e| in_file(e, self.template_file(), "template");
-        let device = session.device()?;
-        let target = fit::Target::new(device, &target.triangulate())
-            .map_err(|e| in_file(e, self.name, "faces"))?;
-        stopwatch.lap("prepare");
-        let start = Start::new(&target, template, options.scheme).map_err(about_template)?;
+        let start = Start::new(target, template, options.scheme).map_err(about_template)?;
         stopwatch.lap("template");
-        let fit =
-            fit::fit(device, &target, start, options, &session.terminal).map_err(about_template)?;
+        let fit = fit::fit_with_checkpoints(
+            session.device()?,
+            target,
+            start,
+            options,
+            &session.terminal,
+            self.checkpoints.clone(),
+        )
+        .map_err(about_template)?;
         stopwatch.laps(fit.stages.iter().cloned());
         Ok((target.frame, fit))
     }
@@ -284,28 +284,53 @@ impl Job<'_> {
         Ok((data.frame, fit))
     }
 
-    /// The error of a fit, and the distances of the surface's vertices from the target if they are to be written.
-    fn judge(&self, frame: &Frame, fit: &Fit) -> Result<(ErrorReport, Option<Vec<f64>>)> {
+    /// The error of a fit to the target in the unit frame, and the distances of the surface's vertices from it if they are to be shown.
+    fn judge(
+        &self,
+        target: &TriangleMesh,
+        frame: &Frame,
+        fit: &Fit,
+    ) -> Result<(ErrorReport, Option<Vec<f64>>)> {
         let diagonal = frame.diagonal;
-        let Target::Surface(target) = self.target else {
+        if target.triangles.is_empty() {
             let error = fit.data_error.unwrap_or_default();
             return Ok((ErrorReport::of_points(error, diagonal), None));
-        };
-        // The fit's own target may have its holes bridged; judged is the input, in the unit frame, where f64 has digits to spare.
-        let mut input = target.triangulate();
-        let to_unit = |p: &mut DVec3| *p = frame.to_unit(*p);
-        input.positions.iter_mut().for_each(to_unit);
-        let error = measure::surface_error(&input, &fit.surface.triangulate(), SAMPLES)
+        }
+        let surface = fit.surface.triangulate();
+        let mut error = measure::surface_error(target, &surface, SAMPLES)
             .map_err(|e| in_file(e, self.name, "result"))?;
-        let distances = match self.outputs.surface.is_empty() {
-            true => None,
-            false => {
-                let unit = measure::distances(&input, &fit.surface.positions)?;
-                Some(unit.into_iter().map(|d| diagonal * d).collect())
-            }
-        };
+        if let Target::Points(points) = self.target {
+            let points: Vec<DVec3> = points.positions.iter().map(|&p| frame.to_unit(p)).collect();
+            error.target_to_surface = measure::point_error(&points, &surface)?;
+        }
+        let shown = self.page.is_some() || !self.outputs.surface.is_empty();
+        let distances = shown.then(|| measure::distances(target, &fit.surface.positions));
         let report = ErrorReport::of_fit(&error, diagonal).with_data(fit.data_error, diagonal);
-        Ok((report, distances))
+        Ok((report, distances.transpose()?))
+    }
+
+    /// The page, if one is wanted.
+    fn draw(
+        &self,
+        session: &Session,
+        target: &TriangleMesh,
+        fit: &Fit,
+        distances: Option<&[f64]>,
+    ) -> Result<Option<Page>> {
+        let Some(place) = &self.page else {
+            return Ok(None);
+        };
+        session.terminal.stage("drawing the report");
+        let name = self.name.file_name().unwrap_or_default();
+        let page = Page::new(&Subject {
+            name: &name.to_string_lossy(),
+            target,
+            cage: &fit.control.mesh,
+            surface: &fit.surface,
+            distances,
+            up: place.up,
+        })?;
+        Ok(Some(page))
     }
 
     fn write(&self, finished: &Finished) -> Result<()> {
@@ -400,6 +425,13 @@ impl Job<'_> {
             let controls = self.outputs.control.iter().map(|path| (path, &control));
             let surfaces = self.outputs.surface.iter().map(|path| (path, &surface));
             let files: Vec<_> = controls.chain(surfaces).collect();
+            let page = self.page.as_ref().map(|place| place.folder.join(PAGE));
+            let shows = "scan, cage and surface to turn, with figures and charts".to_owned();
+            let files: Vec<_> = page
+                .iter()
+                .map(|path| (path, &shows))
+                .chain(files)
+                .collect();
             let width = files
                 .iter()
                 .map(|(path, _)| path.display().to_string().chars().count());
@@ -426,31 +458,29 @@ impl Job<'_> {
     }
 
     fn summarize_error(&self, error: &ErrorReport, summary: &mut Summary) {
-        let line = |[largest, rms, mean]: [f64; 3], unit: &str, of: &str| {
+        let line = |[largest, rms, mean]: [f64; 3], of: &str| {
             let [largest, rms, mean] = [largest, rms, mean].map(|x| significant(x, 3));
-            format!("largest {largest}{unit}, rms {rms}{unit}, mean {mean}{unit} {of}")
+            format!("largest {largest} %, rms {rms} %, mean {mean} % {of}")
         };
-        let percent = [error.max_percent, error.rms_percent, error.mean_percent];
-        summary.line(
-            "error",
-            line(percent, " %", "of the bounding box's diagonal"),
-        );
         let directions = || {
             let back = error.surface_to_target.as_ref();
             std::iter::once(&error.target_to_surface).chain(back)
         };
         let larger = |figure: fn(&Figures) -> f64| {
-            directions().map(|d| figure(&d.figures)).fold(0.0, f64::max)
+            let largest = directions().map(|d| figure(&d.figures)).fold(0.0, f64::max);
+            significant(largest, 3)
         };
-        let units = [larger(|f| f.max), larger(|f| f.rms), larger(|f| f.mean)];
+        let name = self.name.display();
         summary.line(
-            "error",
-            line(
-                units,
-                "",
-                &format!("in the units of {}", self.name.display()),
+            "result",
+            format!(
+                "{name} and the surface are nowhere further apart than {} of its units, and {} on average",
+                larger(|f| f.max),
+                larger(|f| f.mean)
             ),
         );
+        let percent = [error.max_percent, error.rms_percent, error.mean_percent];
+        summary.line("error", line(percent, "of the bounding box's diagonal"));
         if let Some(Figures {
             max_percent,
             rms_percent,
@@ -461,7 +491,7 @@ impl Job<'_> {
             let percent = [max_percent, rms_percent, mean_percent];
             summary.line(
                 "error",
-                line(percent, " %", "at the data points, from the limit surface"),
+                line(percent, "at the data points, from the limit surface"),
             );
         }
         if let Some(holes) = &error.over_holes {
@@ -504,6 +534,10 @@ impl Job<'_> {
     }
 
     fn what_to_open(&self) -> String {
+        if let Some(place) = &self.page {
+            let page = place.folder.join(PAGE);
+            return format!("{} in any browser", page.display());
+        }
         let with = |extension: &str| {
             let all = self.outputs.surface.iter().chain(&self.outputs.control);
             let has = |path: &&PathBuf| {

@@ -10,10 +10,13 @@ mod demo;
 mod devices;
 mod fit;
 mod job;
+mod outputs;
+mod render;
 mod session;
 mod terminal;
 mod text;
 mod volume;
+mod volume_file;
 
 use clap::{Parser, Subcommand};
 use session::{Common, Session};
@@ -36,6 +39,7 @@ enum Command {
     Volume(Box<volume::Args>),
     Demo(demo::Args),
     Compare(compare::Args),
+    Render(render::Args),
     Check(check::Args),
     Devices(devices::Args),
     Bench(bench::Args),
@@ -60,6 +64,7 @@ pub fn main() -> ExitCode {
             Command::Volume(args) => args.run(&session),
             Command::Demo(args) => args.run(&session),
             Command::Compare(args) => args.run(&session),
+            Command::Render(args) => args.run(&session),
             Command::Check(args) => args.run(&session),
             Command::Devices(args) => args.run(&session),
             Command::Bench(args) => args.run(&session),

@@ -1,30 +1,6 @@
 //! Numbers and summaries as people read and write them.
 
-/// A number to some digits: to three 0.0441, 12.3, 4.56e-7.
-pub fn significant(x: f64, digits: usize) -> String {
-    let after_first = digits.saturating_sub(1);
-    let magnitude = x.abs().log10().floor();
-    if x == 0.0 || !x.is_finite() {
-        return format!("{x}");
-    }
-    if !(-4.0..6.0).contains(&magnitude) {
-        return format!("{x:.after_first$e}");
-    }
-    format!("{x:.*}", (after_first as f64 - magnitude).max(0.0) as usize)
-}
-
-/// A count with its thousands apart: 1,538.
-pub fn count(n: usize) -> String {
-    let digits = n.to_string();
-    let mut text = String::new();
-    for (k, digit) in digits.chars().enumerate() {
-        if k > 0 && (digits.len() - k).is_multiple_of(3) {
-            text.push(',');
-        }
-        text.push(digit);
-    }
-    text
-}
+pub use vorofit::report::{count, significant};
 
 /// Lines with a word before each; repeated words are written once.
 #[derive(Default)]
@@ -59,21 +35,33 @@ pub fn parse_number(
     }
 }
 
+/// The command that runs this again.
+pub fn command_line() -> String {
+    let words = std::env::args_os().skip(1);
+    let words = words.map(|word| word.to_string_lossy().into_owned());
+    shell_line(std::iter::once("vorofit".into()).chain(words))
+}
+
+/// A command line that a POSIX shell takes apart into the same words.
+fn shell_line(words: impl IntoIterator<Item = String>) -> String {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "-_./:=,@%+".contains(c);
+    let quoted = |word: String| match !word.is_empty() && word.chars().all(plain) {
+        true => word,
+        false => format!("'{}'", word.replace('\'', r"'\''")),
+    };
+    words.into_iter().map(quoted).collect::<Vec<_>>().join(" ")
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn numbers_have_three_digits_and_counts_have_commas() {
-        let texts =
-            [0.0441234, 12.345, 1234.5, 4.5678e-7, 1e8, 0.0, 0.1].map(|x| significant(x, 3));
+    fn words_survive_the_shell() {
+        let words = ["fit", "my scan.ply", "it's", "", "$(x)", "-o", "a=b"];
         assert_eq!(
-            texts,
-            ["0.0441", "12.3", "1234", "4.57e-7", "1.00e8", "0", "0.100"]
-        );
-        assert_eq!(
-            [0, 999, 1000, 1_234_567].map(count),
-            ["0", "999", "1,000", "1,234,567"]
+            shell_line(words.map(String::from)),
+            r"fit 'my scan.ply' 'it'\''s' '' '$(x)' -o a=b"
         );
     }
 }

@@ -1,15 +1,17 @@
 //! `vorofit volume`: curved elements of high order from a closed scan.
 
 use super::fit::Alignment;
-use super::job::{in_file, refuse_clashes, warn_of_flaws};
+use super::job::{in_file, warn_of_flaws};
+use super::outputs::refuse_clashes;
 use super::session::Session;
 use super::text::{Summary, count, parse_number, significant};
+use super::volume_file::Reading;
 use super::{Outcome, bad_usage, terminal};
 use clap::ValueEnum;
 use std::path::{Path, PathBuf};
 use vorofit::files::{
     SurfaceToWrite, VolumeToWrite, check_volume_writable, check_writable, read_surface,
-    read_volume, write_surface, write_volume,
+    write_surface, write_volume,
 };
 use vorofit::fit::{StopReason, Target, VolumeOptions, VolumeStart, VolumeTemplate, fit_volume};
 use vorofit::geometry::distortion::Distortion;
@@ -65,6 +67,8 @@ pub struct Args {
         value_name = "none|box|rigid|similarity"
     )]
     align: Option<Alignment>,
+    #[command(flatten)]
+    reading: Reading,
     /// The functions that elements are made of
     #[arg(
         long,
@@ -134,6 +138,9 @@ impl Args {
         if self.align.is_some() && !matches!(name, TemplateName::File(_)) {
             bad_usage("--align needs --template FILE");
         }
+        if self.reading.drops_pyramids() && !matches!(name, TemplateName::File(_)) {
+            bad_usage("--drop-pyramids needs --template FILE");
+        }
         self.check_surfaces(&name)?;
         session.device()?;
         terminal::catch_interrupts()?;
@@ -184,13 +191,7 @@ impl Args {
             TemplateName::Ball(n) => return Ok(VolumeTemplate::Ball(n)),
             TemplateName::File(path) => path,
         };
-        let volume = read_volume(path)?;
-        if !volume.warnings.is_empty() {
-            let warnings = volume.warnings.join(", ");
-            session
-                .terminal
-                .warn(&format!("{}: {warnings}", path.display()));
-        }
+        let volume = self.reading.read(session, path)?;
         if volume.nodes.is_some() {
             session.terminal.warn(&format!(
                 "{}: only the corners of its curved cells are used",

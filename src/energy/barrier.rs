@@ -33,6 +33,8 @@ pub const THRESHOLD: f64 = 0.25;
 /// Determinants up to this share of the ideal one cost infinitely much. With 0 here elements came to rest at 1e-12, for ln² grows too slowly
 /// to be seen under a small λ, and nobody could tell whether they were inverted.
 pub const FLOOR: f64 = 1e-3;
+/// Slopes of an element that count in what is known of the barrier's curvature: those of its least coefficients, where it is steepest.
+const STEEPEST: usize = 64;
 /// Nodes of an axis up to which the Bernstein coefficients of the whole axis are taken: those of order 5.
 const STABLE_NODES: usize = 15;
 /// Nodes of a box of an axis that is cut.
@@ -167,6 +169,46 @@ impl BernsteinBarrier {
         (total, gradient)
     }
 
+    /// What there is to know of the second derivatives: folds, for each element, over s_k = √f″(B_k) ∇B_k of its least B_k below τ, with f
+    /// what the term makes of a coefficient. Σ s_k s_kᵀ is the Hessian but for the curvature of the B_k, and positive semidefinite.
+    ///
+    /// `new` starts an element's result, `add` takes it and an s_k on the element's `[modes]`. Elements outside the domain have no s_k.
+    pub fn fold_slopes<T: Send>(
+        &self,
+        coefficients: &[DVec3],
+        new: impl Fn() -> T + Sync,
+        add: impl Fn(usize, &mut T, &[DVec3]) + Sync,
+    ) -> Vec<T> {
+        let folded = self.chunks(|room, lanes| {
+            room.sample(self, lanes, coefficients);
+            let steepest: [_; LANES] = std::array::from_fn(|l| room.steepest(l, self.share));
+            let mut results: [T; LANES] = std::array::from_fn(|_| new());
+            let passes = steepest.iter().map(Vec::len).max().unwrap_or(0);
+            for pass in 0..passes {
+                room.values.fill([0.0; LANES]);
+                for (l, list) in steepest.iter().enumerate() {
+                    if let Some(&(k, scale)) = list.get(pass) {
+                        room.values[k][l] = scale;
+                    }
+                }
+                room.differentiate(self, lanes);
+                for (l, result) in results.iter_mut().enumerate() {
+                    if pass < steepest[l].len() {
+                        let slope: Vec<DVec3> =
+                            room.gradient.iter().map(|node| vector(node, l)).collect();
+                        add(lanes.element(l), result, &slope);
+                    }
+                }
+            }
+            results
+        });
+        folded
+            .into_iter()
+            .flatten()
+            .take(self.batch.len())
+            .collect()
+    }
+
     /// Runs `work` on every [`LANES`] elements, in parallel; results in order.
     fn chunks<T: Send>(&self, work: impl Fn(&mut Room, &Lanes) -> T + Sync) -> Vec<T> {
         let count = self.batch.len();
@@ -231,6 +273,24 @@ impl Room {
             let values = self.values.iter().map(|v| order(v[l]));
             values.fold(f64::INFINITY, f64::min)
         })
+    }
+
+    /// The least B_k of a lane below τ, with √f″(B_k) each; none where one is not above the floor.
+    fn steepest(&self, lane: usize, share: f64) -> Vec<(usize, f64)> {
+        let weight = WEIGHT * share / self.values.len() as f64;
+        let values = self.values.iter().map(|v| v[lane]).enumerate();
+        let mut low: Vec<(usize, f64)> = values.filter(|(_, b)| *b < THRESHOLD).collect();
+        low.sort_by(|a, b| a.1.total_cmp(&b.1));
+        if low.first().is_some_and(|(_, b)| *b <= FLOOR) {
+            return Vec::new();
+        }
+        low.truncate(STEEPEST);
+        for (_, b) in &mut low {
+            let above = *b - FLOOR;
+            let l = (above / (THRESHOLD - FLOOR)).ln();
+            *b = (2.0 * weight * (1.0 - l)).sqrt() / above;
+        }
+        low
     }
 
     /// Replaces the B_k by the derivatives of the term; returns the term of each lane.

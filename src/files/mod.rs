@@ -2,7 +2,7 @@
 //!
 //! Reading: [`read_surface`] takes OBJ, PLY, STL, OFF and USD text by extension, checks what it read at the door ([`crate::mesh::check`]) and counts
 //! the flaws that it accepted. Readers never trust a length or an index: memory grows with the bytes that are there, not with what a
-//! header claims. [`read_scan`] also takes points without faces, from PLY and XYZ.
+//! header claims. [`read_scans`] also takes points without faces, from PLY and XYZ, and several files as one.
 //!
 //! Writing: [`write_surface`] takes a [`SurfaceToWrite`] and the format's extension. What a format cannot hold it refuses, and names one
 //! that can: a file never means another surface than the one given. Every file goes through [`write_whole`].
@@ -22,14 +22,19 @@ mod glb;
 mod obj;
 mod off;
 mod ply;
+mod poses;
+mod range_grid;
+mod scan;
 mod stl;
 mod usd;
 pub mod volume;
 mod xyz;
 
 pub use atomic::{check_place, write_whole};
+pub use scan::{Scan, read_scans};
 pub use volume::{
-    Volume, VolumeToWrite, check_volume_writable, read_volume, volume_from_bytes, write_volume,
+    Pyramids, Volume, VolumeToWrite, check_volume_writable, read_volume, volume_from_bytes,
+    write_volume,
 };
 
 use crate::error::{Defect, Error, Result};
@@ -45,6 +50,8 @@ pub struct Surface {
     pub mesh: PolygonMesh,
     /// Its sizes and flaws.
     pub census: Census,
+    /// `[vertices]`, how much each is to be trusted; empty where the file (a PLY with a property `confidence`) does not say.
+    pub confidence: Vec<f64>,
 }
 
 /// Reads a surface; the format is told by the extension, in any case of letters.
@@ -77,43 +84,29 @@ fn surface(draft: Draft) -> Result<Surface, Defect> {
     Ok(Surface {
         mesh: draft.mesh,
         census,
+        confidence: draft.confidence,
     })
 }
 
-/// What a surface can be fitted to.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Scan {
-    /// Faces.
-    Surface(Surface),
-    /// Points without faces; there is at least one, and their bounding box has an extent.
-    Points(Vec<DVec3>),
-}
-
-/// Reads a surface or, from a PLY file without faces and from XYZ (a line `x y z …` to a point), a cloud of points.
+/// The distances at the vertices of a PLY surface, as [`write_surface`] writes them; none where the file has none, or is of another format.
 ///
 /// # Errors
-/// As [`read_surface`], but for points without faces.
-pub fn read_scan(path: &Path) -> Result<Scan> {
+/// As [`read_surface`], and where a distance is not finite.
+pub fn read_error(path: &Path) -> Result<Option<Vec<f64>>> {
+    if !Format::of(path).is_ok_and(|format| format == Format::Ply) {
+        return Ok(None);
+    }
     let bytes = std::fs::read(path).map_err(|e| Error::io(path, e))?;
-    scan(path, &bytes).map_err(|defect| defect.in_file(path))
-}
-
-fn scan(path: &Path, bytes: &[u8]) -> Result<Scan, Defect> {
-    let is = |name: &str| {
-        path.extension()
-            .is_some_and(|e| e.eq_ignore_ascii_case(name))
-    };
-    let points = if is("xyz") {
-        xyz::read(bytes)?
-    } else {
-        let draft = draft(path, bytes)?;
-        if !is("ply") || draft.mesh.face_count() + draft.short_faces > 0 {
-            return surface(draft).map(Scan::Surface);
-        }
-        draft.mesh.positions
-    };
-    check::sound_points(&points)?;
-    Ok(Scan::Points(points))
+    let error = ply::read_error(&bytes).map_err(|defect| defect.in_file(path))?;
+    match error.iter().flatten().position(|e| !e.is_finite()) {
+        Some(v) => Err(Error::file(
+            path,
+            format!("vertex {v} (counted from 0)"),
+            "its error is not finite",
+            "write the file again",
+        )),
+        None => Ok(error),
+    }
 }
 
 /// Reads a control mesh: a surface with the edges and vertices that stay sharp under subdivision, where the format holds them (see the
@@ -334,6 +327,10 @@ struct Draft {
     creases: Vec<Crease>,
     /// Vertices that stay sharp.
     sharp_corners: Vec<u32>,
+    /// `[vertices]`, or empty where the file has none.
+    normals: Vec<DVec3>,
+    /// `[vertices]`, or empty where the file has none.
+    confidence: Vec<f64>,
     corners: usize,
     short_faces: usize,
     /// The corners of the last face, kept for its memory.

@@ -5,6 +5,7 @@
 //! and the numbers in a row take less code.
 
 use super::Draft;
+use super::range_grid::RangeGrid;
 use crate::error::Defect;
 use crate::mesh::PolygonMesh;
 use glam::DVec3;
@@ -19,16 +20,29 @@ const DAMAGED: &str = "the file is truncated or damaged: export it again";
 
 pub(super) fn read(bytes: &[u8]) -> Result<Draft, Defect> {
     let mut body = Body::open(bytes)?;
-    let (mut positions, mut faces, mut strips) = (Vec::new(), Vec::new(), Vec::new());
-    for element in body.header.elements.clone().values() {
+    let (mut vertices, mut faces, mut strips) = (Vec::new(), Vec::new(), Vec::new());
+    let mut grid = Vec::new();
+    let elements = body.header.elements.clone();
+    for element in elements.values() {
         match element.name.as_str() {
-            "vertex" => positions = body.read::<Vertex>(element, &["x", "y", "z"])?,
+            "vertex" => vertices = body.read::<Vertex>(element, &["x", "y", "z"])?,
             "face" => faces = body.read_lists(element)?,
             "tristrips" => strips = body.read_lists(element)?,
+            "range_grid" => grid = body.read_lists(element)?,
             _ => drop(body.read::<PassedOver>(element, &[])?),
         }
     }
-    let mut draft = Draft::new(positions.into_iter().map(|v| v.0).collect());
+    let has = |name: &str| {
+        let vertex = elements.get("vertex");
+        vertex.is_some_and(|vertex| vertex.properties.contains_key(name))
+    };
+    let mut draft = Draft::new(vertices.iter().map(|v| v.position).collect());
+    if ["nx", "ny", "nz"].into_iter().all(has) {
+        draft.normals = vertices.iter().map(|v| v.normal).collect();
+    }
+    if has("confidence") {
+        draft.confidence = vertices.iter().map(|v| v.confidence).collect();
+    }
     let mut corners = Vec::new();
     for (f, face) in faces.iter().enumerate() {
         corners.clear();
@@ -38,7 +52,39 @@ pub(super) fn read(bytes: &[u8]) -> Result<Draft, Defect> {
     for strip in strips.iter().flat_map(|list| list.0.split(|&v| v < 0)) {
         push_strip(&mut draft, strip)?;
     }
+    if draft.mesh.face_count() == 0 && !grid.is_empty() {
+        push_range_grid(&mut draft, &body.header, &grid)?;
+    }
     Ok(draft)
+}
+
+/// The triangles of a range image, where the header tells its size.
+fn push_range_grid(draft: &mut Draft, header: &Header, cells: &[Corners]) -> Result<(), Defect> {
+    let remarks = header.obj_infos.iter().map(String::as_str);
+    let cells = cells.iter().map(|list| list.0.as_slice());
+    let points = draft.mesh.positions.len();
+    if let Some(grid) = RangeGrid::new(remarks, cells, points)? {
+        for triangle in grid.triangles(&draft.mesh.positions) {
+            draft.push_face(&triangle.map(i64::from), || "range grid".into())?;
+        }
+    }
+    Ok(())
+}
+
+/// The property `error` of every vertex, as [`write`] writes it, where there is one.
+pub(super) fn read_error(bytes: &[u8]) -> Result<Option<Vec<f64>>, Defect> {
+    let mut body = Body::open(bytes)?;
+    for element in body.header.elements.clone().values() {
+        if element.name != "vertex" {
+            body.read::<PassedOver>(element, &[])?;
+        } else if element.properties.contains_key("error") {
+            let vertices = body.read::<Vertex>(element, &[])?;
+            return Ok(Some(vertices.into_iter().map(|v| v.error).collect()));
+        } else {
+            return Ok(None);
+        }
+    }
+    Ok(None)
 }
 
 /// The triangles of a strip, every other one turned; those with a repeated corner only steer the strip and are left out.
@@ -169,14 +215,25 @@ impl PropertyAccess for PassedOver {
     }
 }
 
-struct Vertex(DVec3);
+#[derive(Default)]
+struct Vertex {
+    position: DVec3,
+    normal: DVec3,
+    confidence: f64,
+    error: f64,
+}
 
 impl Vertex {
     fn set(&mut self, name: &str, value: f64) -> PropertyAccessResult {
         match name {
-            "x" => self.0.x = value,
-            "y" => self.0.y = value,
-            "z" => self.0.z = value,
+            "x" => self.position.x = value,
+            "y" => self.position.y = value,
+            "z" => self.position.z = value,
+            "nx" => self.normal.x = value,
+            "ny" => self.normal.y = value,
+            "nz" => self.normal.z = value,
+            "confidence" => self.confidence = value,
+            "error" => self.error = value,
             _ => return PropertyAccessResult::Ignored,
         }
         PropertyAccessResult::Set
@@ -193,7 +250,7 @@ macro_rules! setters {
 
 impl PropertyAccess for Vertex {
     fn new() -> Self {
-        Self(DVec3::ZERO)
+        Self::default()
     }
 
     setters! { Self::set; set_double: f64 }

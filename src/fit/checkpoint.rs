@@ -134,6 +134,11 @@ pub(super) fn fingerprint(target: &Target, start: &Start, options: &Options) -> 
             .map(f64::to_bits)
             .for_each(&mut add);
     }
+    target
+        .weights
+        .iter()
+        .map(|w| w.to_bits())
+        .for_each(&mut add);
     let triangles = target.mesh.triangles.as_flattened();
     for index in triangles
         .iter()
@@ -151,10 +156,10 @@ pub(super) fn fingerprint(target: &Target, start: &Start, options: &Options) -> 
     let Start {
         control,
         subdivisions,
-        nearby,
+        proximity,
     } = start;
     let sharp = (&control.creases, &control.corners);
-    let rest = format!("{options:?} {subdivisions} {nearby} {sharp:?}");
+    let rest = format!("{options:?} {subdivisions} {proximity:?} {sharp:?}");
     rest.bytes().for_each(|byte| add(byte.into()));
     hash
 }

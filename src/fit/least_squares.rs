@@ -7,11 +7,12 @@
 //! control face becomes): first on the patch's vertices, then by their few rows of M, which takes far fewer
 //! operations than adding up outer products of footpoints. [`super::normal_equations`] solves it.
 
-use super::normal_equations::{Pattern, split};
+use super::normal_equations::{Pattern, Share, Support};
+use super::symmetric::Symmetric3;
 use crate::energy::Smoothness;
 use crate::kernel::sparse::Csr;
 use crate::model::Model;
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 
 /// What the squared Laplacian of the control mesh counts against the Laplacian of the surface, mean square against mean
 /// square. A limit surface hides waves from point to point of the control mesh almost wholly, so the surface's own
@@ -69,7 +70,9 @@ struct Patch {
     /// Its triangles, as local vertices; the first has this index.
     triangles: Vec<[u32; 3]>,
     first_triangle: u32,
-    /// The rows of M of its vertices, over local control points.
+    /// The local control points that the rows of M of its vertices are over, ascending.
+    seen: Vec<u32>,
+    /// Those rows, over places in `seen`.
     rows: Vec<Vec<(u32, f64)>>,
     /// The rows of L M of the vertices that it owns, and of L² on the control mesh.
     smooth: Vec<SmoothRow>,
@@ -170,7 +173,7 @@ impl Patch {
         triangles: &[[u32; 3]],
         first_triangle: u32,
         owned: &mut [bool],
-    ) -> (Self, Vec<u32>) {
+    ) -> (Self, Support) {
         let mut vertices: Vec<u32> = triangles.iter().flatten().copied().collect();
         vertices.sort_unstable();
         vertices.dedup();
@@ -186,18 +189,25 @@ impl Patch {
                 .filter(|&v| (v as usize) < cage.row_count())
         };
         let cage_share = CAGE * model.matrix.row_count() as f64 / cage.row_count() as f64;
-        let mut support: Vec<u32> = vertices
+        let mut seen: Vec<u32> = vertices
             .iter()
-            .flat_map(|&v| model.matrix.row(v as usize))
-            .chain(mine.iter().flat_map(|&v| smoothness.rows().row(v as usize)))
-            .chain(controls().flat_map(|v| cage.row(v as usize)))
-            .map(|(c, _)| c)
+            .flat_map(|&v| model.matrix.row(v as usize).map(|e| e.0))
             .collect();
-        support.sort_unstable();
-        support.dedup();
+        seen.sort_unstable();
+        seen.dedup();
+        let laplacians = mine.iter().map(|&v| (v, 1.0, smoothness.rows()));
+        let laplacians = laplacians.chain(controls().map(|v| (v, cage_share, cage)));
+        let row = |matrix: &Csr, v: u32| matrix.row(v as usize).map(|e| e.0).collect();
+        let smooth_rows = laplacians.clone().map(|(v, _, matrix)| row(matrix, v));
+        let support = Support::of(
+            &std::iter::once(seen.clone())
+                .chain(smooth_rows)
+                .collect::<Vec<_>>(),
+        );
         let local = |list: &[u32], x: u32| list.binary_search(&x).expect("listed above") as u32;
-        let row = |entries: &mut dyn Iterator<Item = (u32, f64)>| -> Vec<(u32, f64)> {
-            entries.map(|(c, v)| (local(&support, c), v)).collect()
+        let row = |matrix: &Csr, v: u32, list: &[u32]| -> Vec<(u32, f64)> {
+            let entries = matrix.row(v as usize);
+            entries.map(|(c, value)| (local(list, c), value)).collect()
         };
         let patch = Self {
             triangles: triangles
@@ -207,22 +217,17 @@ impl Patch {
             first_triangle,
             rows: vertices
                 .iter()
-                .map(|&v| row(&mut model.matrix.row(v as usize)))
+                .map(|&v| row(&model.matrix, v, &seen))
                 .collect(),
-            smooth: mine
-                .iter()
-                .map(|&v| SmoothRow {
-                    vertex: v,
-                    share: 1.0,
-                    entries: row(&mut smoothness.rows().row(v as usize)),
+            smooth: laplacians
+                .map(|(vertex, share, matrix)| SmoothRow {
+                    vertex,
+                    share,
+                    entries: row(matrix, vertex, &support.controls),
                 })
-                .chain(controls().map(|v| SmoothRow {
-                    vertex: v,
-                    share: cage_share,
-                    entries: row(&mut cage.row(v as usize)),
-                }))
                 .collect(),
-            support: support.len(),
+            seen: seen.iter().map(|&c| local(&support.controls, c)).collect(),
+            support: support.controls.len(),
         };
         (patch, support)
     }
@@ -233,16 +238,17 @@ impl Patch {
         footpoints: impl Iterator<Item = &'a Footpoint>,
         shape: &Shape,
         weights: Weights,
-    ) -> (Vec<DMat3>, Vec<DVec3>) {
+    ) -> Share {
         let n = self.support;
-        let mut blocks = vec![DMat3::ZERO; n * n];
+        let mut blocks = vec![Symmetric3::ZERO; n * n];
         let mut right = vec![DVec3::ZERO; n];
         // Half way: rows are the patch's vertices, columns already control points.
-        let mut half = vec![DMat3::ZERO; self.rows.len() * n];
+        let width = self.seen.len();
+        let mut half = vec![Symmetric3::ZERO; self.rows.len() * width];
         let mut vertex_right = vec![DVec3::ZERO; self.rows.len()];
-        let mut pairs = vec![[[DMat3::ZERO; 3]; 3]; self.triangles.len()];
+        let mut pairs = vec![[[Symmetric3::ZERO; 3]; 3]; self.triangles.len()];
         for f in footpoints {
-            let metric = split(f.normal, 1.0, weights.sliding) * f.weight;
+            let metric = Symmetric3::split(f.normal, 1.0, weights.sliding) * f.weight;
             let t = (f.triangle - self.first_triangle) as usize;
             let pull = metric * f.goal;
             for k in 0..3 {
@@ -254,7 +260,7 @@ impl Patch {
         }
         for (t, pairs) in self.triangles.iter().zip(&pairs) {
             for k in 0..3 {
-                let row = &mut half[t[k] as usize * n..][..n];
+                let row = &mut half[t[k] as usize * width..][..width];
                 for (&vertex, pair) in t.iter().zip(&pairs[k]) {
                     for &(j, m) in &self.rows[vertex as usize] {
                         row[j as usize] += *pair * m;
@@ -264,18 +270,19 @@ impl Patch {
         }
         // The matrix is symmetric: columns from the diagonal on suffice.
         for (v, row) in self.rows.iter().enumerate() {
-            for &(i, m) in row {
-                let i = i as usize;
+            for &(c, m) in row {
+                let c = c as usize;
+                let i = self.seen[c] as usize;
                 right[i] += vertex_right[v] * m;
-                let columns = blocks[i * n + i..(i + 1) * n].iter_mut();
-                for (block, part) in columns.zip(&half[v * n + i..(v + 1) * n]) {
-                    *block += *part * m;
+                let parts = &half[v * width + c..(v + 1) * width];
+                for (&j, part) in self.seen[c..].iter().zip(parts) {
+                    blocks[i * n + j as usize] += *part * m;
                 }
             }
         }
         for smooth in &self.smooth {
             let normal = shape.normals[smooth.vertex as usize];
-            let metric = split(normal, weights.normal, weights.tangential)
+            let metric = Symmetric3::split(normal, weights.normal, weights.tangential)
                 * (shape.stiffness[smooth.vertex as usize] * smooth.share);
             for (k, &(i, a)) in smooth.entries.iter().enumerate() {
                 let scaled = metric * a;

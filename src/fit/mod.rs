@@ -8,9 +8,11 @@ mod checkpoint;
 pub mod geometric;
 mod least_squares;
 mod normal_equations;
+mod outliers;
 mod peaks;
 mod polish;
 mod start;
+mod symmetric;
 mod target;
 mod volume;
 mod voronoi;
@@ -19,4 +21,6 @@ pub use checkpoint::{Checkpoint, Checkpoints};
 pub use start::Template;
 pub use target::{Place, Samples, Target, TargetPoint};
 pub use volume::{VolumeFit, VolumeOptions, VolumeStart, VolumeTemplate, fit_volume};
-pub use voronoi::{Fit, Iteration, Options, Start, StopReason, Terms, fit, fit_with_checkpoints};
+pub use voronoi::{
+    Fit, Iteration, Options, Proximity, Start, StopReason, Terms, fit, fit_with_checkpoints,
+};

@@ -1,19 +1,57 @@
-//! Normal equations of least squares whose rows fall into parts: sparse symmetric matrices of 3×3 blocks, assembled part by part, and their solution.
+//! Normal equations of least squares whose rows fall into parts: sparse symmetric matrices of symmetric 3×3 blocks, assembled part by part, and their solution.
 //!
-//! A part (a face of the control mesh, say) sees few control points, its *support*. Its share of the matrix is a small dense one. Parts are computed in
+//! A part (a face of the control mesh, say) sees few control points, its *support*. Its share of the matrix is a small dense one, of which only pairs
+//! of control points that share a row are stored: a quarter less in a polish. Parts are computed in
 //! parallel and added up in order, so that the result does not depend on the number of threads. Conjugate gradients with 3×3 block-Jacobi
 //! preconditioning solve the system.
 
+use super::symmetric::Symmetric3;
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
-/// Parts assembled in parallel before they are added up in order.
-const BATCH: usize = 256;
+/// Parts assembled in parallel while those before them are added up in order.
+const BATCH: usize = 64;
 
 /// Conjugate-gradient steps at most.
 const STEPS: usize = 500;
 
-/// Which control points share a part; reused while the parts stay.
+/// The control points that a part sees.
+pub(super) struct Support {
+    /// Ascending.
+    pub controls: Vec<u32>,
+    /// `[controls, controls]`: whether the two share a row.
+    related: Vec<bool>,
+}
+
+impl Support {
+    /// Of the part's rows, each by the control points that it is over. Several rows may stand as one over all of theirs.
+    pub fn of(rows: &[Vec<u32>]) -> Self {
+        let mut controls = rows.concat();
+        controls.sort_unstable();
+        controls.dedup();
+        let n = controls.len();
+        let mut related = vec![false; n * n];
+        for row in rows {
+            let local = |x| controls.binary_search(x).expect("listed above");
+            let row: Vec<usize> = row.iter().map(local).collect();
+            for &i in &row {
+                for &j in &row {
+                    related[i * n + j] = true;
+                }
+            }
+        }
+        Self { controls, related }
+    }
+
+    /// The pairs of a row, as places in the support, from the diagonal on.
+    fn upper(&self) -> impl Iterator<Item = (usize, usize)> {
+        let n = self.controls.len();
+        let pairs = (0..n).flat_map(move |i| (i..n).map(move |j| (i, j)));
+        pairs.filter(move |&(i, j)| self.related[i * n + j])
+    }
+}
+
+/// Which control points share a row; reused while the parts stay.
 pub(super) struct Pattern {
     parts: Vec<Part>,
     /// `[control points + 1]` and `[blocks]`: the block pattern.
@@ -23,23 +61,30 @@ pub(super) struct Pattern {
 
 struct Part {
     support: Vec<u32>,
-    /// The place of each pair of the support in the block pattern.
-    places: Vec<u32>,
+    pairs: Vec<Pair>,
+}
+
+/// Two control points of a part that share a row.
+struct Pair {
+    /// The place in the part's matrix.
+    local: u32,
+    /// The places in the block pattern, of the block and of its mirror image.
+    places: [u32; 2],
 }
 
 /// A part's share: the matrix `[support, support]`, needed from the diagonal on, and the right-hand side.
-pub(super) type Share = (Vec<DMat3>, Vec<DVec3>);
+pub(super) type Share = (Vec<Symmetric3>, Vec<DVec3>);
 
 impl Pattern {
-    /// The pattern of parts with these supports, each ascending.
-    pub fn new(supports: Vec<Vec<u32>>, control_points: usize) -> Self {
+    /// The pattern of parts with these supports.
+    pub fn new(supports: Vec<Support>, control_points: usize) -> Self {
         let mut pairs: Vec<u64> = supports
             .iter()
             .flat_map(|support| {
-                let pair = |i: u32, j: u32| u64::from(i) << 32 | u64::from(j);
+                let of = |i: usize| u64::from(support.controls[i]);
                 support
-                    .iter()
-                    .flat_map(move |&i| support.iter().map(move |&j| pair(i, j)))
+                    .upper()
+                    .flat_map(move |(i, j)| [of(i) << 32 | of(j), of(j) << 32 | of(i)])
             })
             .collect();
         pairs.par_sort_unstable();
@@ -52,21 +97,26 @@ impl Pattern {
             offsets[i + 1] += offsets[i];
         }
         let columns: Vec<u32> = pairs.iter().map(|&pair| pair as u32).collect();
-        let places = |support: &[u32]| -> Vec<u32> {
-            let place = |&i: &u32, j: &u32| {
-                let begin = offsets[i as usize] as usize;
-                let row = &columns[begin..offsets[i as usize + 1] as usize];
-                let at = row.binary_search(j).expect("every pair is in the pattern");
-                (begin + at) as u32
-            };
-            let row = |i| support.iter().map(move |j| place(i, j));
-            support.iter().flat_map(row).collect()
+        let place = |i: u32, j: u32| -> u32 {
+            let begin = offsets[i as usize] as usize;
+            let row = &columns[begin..offsets[i as usize + 1] as usize];
+            let at = row.binary_search(&j).expect("every pair is in the pattern");
+            (begin + at) as u32
         };
         let parts = supports
             .into_par_iter()
             .map(|support| Part {
-                places: places(&support),
-                support,
+                pairs: support
+                    .upper()
+                    .map(|(i, j)| {
+                        let (a, b) = (support.controls[i], support.controls[j]);
+                        Pair {
+                            local: (i * support.controls.len() + j) as u32,
+                            places: [place(a, b), place(b, a)],
+                        }
+                    })
+                    .collect(),
+                support: support.controls,
             })
             .collect();
         Self {
@@ -76,55 +126,53 @@ impl Pattern {
         }
     }
 
-    /// The control points that part `k` sees, ascending.
-    pub fn support(&self, k: usize) -> &[u32] {
-        &self.parts[k].support
-    }
-
     /// The sum of the parts' shares, which are symmetric.
     pub fn assemble(&self, share: impl Fn(usize) -> Share + Sync) -> System<'_> {
         let mut system = System {
             pattern: self,
-            blocks: vec![DMat3::ZERO; self.columns.len()],
+            blocks: vec![Symmetric3::ZERO; self.columns.len()],
             right: vec![DVec3::ZERO; self.offsets.len() - 1],
         };
-        for first in (0..self.parts.len()).step_by(BATCH) {
+        let shares = |first: usize| -> Vec<Share> {
             let end = (first + BATCH).min(self.parts.len());
-            let shares: Vec<Share> = (first..end).into_par_iter().map(&share).collect();
-            for (part, (blocks, right)) in self.parts[first..end].iter().zip(shares) {
-                part.add_symmetric(&blocks, &mut system.blocks);
-                for (&control, r) in part.support.iter().zip(right) {
-                    system.right[control as usize] += r;
-                }
-            }
+            (first..end).into_par_iter().map(&share).collect()
+        };
+        let mut next = shares(0);
+        for first in (0..self.parts.len()).step_by(BATCH) {
+            let ready = std::mem::take(&mut next);
+            rayon::join(
+                || system.add(&self.parts[first..], ready),
+                || next = shares(first + BATCH),
+            );
         }
         system
     }
 }
 
-impl Part {
-    /// Adds its share of the matrix, given from the diagonal on, to the whole.
-    fn add_symmetric(&self, upper: &[DMat3], blocks: &mut [DMat3]) {
-        let n = self.support.len();
-        for i in 0..n {
-            blocks[self.places[i * n + i] as usize] += upper[i * n + i];
-            for j in i + 1..n {
-                let block = upper[i * n + j];
-                blocks[self.places[i * n + j] as usize] += block;
-                blocks[self.places[j * n + i] as usize] += block.transpose();
-            }
-        }
-    }
-}
-
-/// A symmetric matrix of 3×3 blocks and a right-hand side.
+/// A symmetric matrix of symmetric 3×3 blocks and a right-hand side.
 pub(super) struct System<'a> {
     pattern: &'a Pattern,
-    blocks: Vec<DMat3>,
+    blocks: Vec<Symmetric3>,
     right: Vec<DVec3>,
 }
 
 impl System<'_> {
+    /// Adds the shares of the first of these parts.
+    fn add(&mut self, parts: &[Part], shares: Vec<Share>) {
+        for (part, (blocks, right)) in parts.iter().zip(shares) {
+            for &Pair { local, places } in &part.pairs {
+                let [upper, lower] = places;
+                self.blocks[upper as usize] += blocks[local as usize];
+                if lower != upper {
+                    self.blocks[lower as usize] += blocks[local as usize];
+                }
+            }
+            for (&control, r) in part.support.iter().zip(right) {
+                self.right[control as usize] += r;
+            }
+        }
+    }
+
     fn apply(&self, x: &[DVec3]) -> Vec<DVec3> {
         let Pattern {
             offsets, columns, ..
@@ -150,62 +198,68 @@ impl System<'_> {
                 let Ok(at) = row.binary_search(&(i as u32)) else {
                     return DMat3::IDENTITY;
                 };
-                let block = self.blocks[begin + at];
-                let scale = block.x_axis.x + block.y_axis.y + block.z_axis.z;
-                // A control point that nothing pulls on stays where it is.
-                if block.determinant() > 1e-30 * scale * scale * scale {
-                    block.inverse()
-                } else {
-                    DMat3::IDENTITY
-                }
+                inverse_block(&self.blocks[begin + at].matrix())
             })
             .collect()
     }
 
     /// Moves `x` towards the solution until the residual is `tolerance` of the first one.
     pub fn conjugate_gradients(&self, x: &mut [DVec3], tolerance: f64) {
-        let inverse = self.preconditioner();
-        let dot =
-            |a: &[DVec3], b: &[DVec3]| -> f64 { a.iter().zip(b).map(|(a, b)| a.dot(*b)).sum() };
-        let mut r: Vec<DVec3> = self
-            .right
-            .iter()
-            .zip(self.apply(x))
-            .map(|(b, ax)| *b - ax)
-            .collect();
-        let precondition =
-            |r: &[DVec3]| -> Vec<DVec3> { r.iter().zip(&inverse).map(|(r, m)| *m * *r).collect() };
-        let mut z = precondition(&r);
-        let mut p = z.clone();
-        let mut rz = dot(&r, &z);
-        let goal = tolerance * tolerance * rz;
-        for _ in 0..STEPS {
-            if rz <= goal || rz <= 0.0 {
-                return;
-            }
-            let ap = self.apply(&p);
-            let curvature = dot(&p, &ap);
-            if curvature <= 0.0 {
-                return;
-            }
-            let alpha = rz / curvature;
-            for i in 0..x.len() {
-                x[i] += alpha * p[i];
-                r[i] -= alpha * ap[i];
-            }
-            z = precondition(&r);
-            let next = dot(&r, &z);
-            let beta = next / rz;
-            rz = next;
-            for (p, z) in p.iter_mut().zip(&z) {
-                *p = *z + beta * *p;
-            }
+        let apply = |x: &[DVec3]| self.apply(x);
+        conjugate_gradients(apply, &self.preconditioner(), &self.right, x, tolerance);
+    }
+}
+
+/// Moves `x` towards the solution of A x = `right` until the residual is `tolerance` of the first one. `apply`: the product of A, symmetric and
+/// positive, with a vector; `preconditioner`: about the inverse of its diagonal blocks.
+pub(super) fn conjugate_gradients(
+    apply: impl Fn(&[DVec3]) -> Vec<DVec3>,
+    preconditioner: &[DMat3],
+    right: &[DVec3],
+    x: &mut [DVec3],
+    tolerance: f64,
+) {
+    let dot = |a: &[DVec3], b: &[DVec3]| -> f64 { a.iter().zip(b).map(|(a, b)| a.dot(*b)).sum() };
+    let precondition = |r: &[DVec3]| -> Vec<DVec3> {
+        let pairs = r.iter().zip(preconditioner);
+        pairs.map(|(r, m)| *m * *r).collect()
+    };
+    let pairs = right.iter().zip(apply(x));
+    let mut r: Vec<DVec3> = pairs.map(|(b, ax)| *b - ax).collect();
+    let mut z = precondition(&r);
+    let mut p = z.clone();
+    let mut rz = dot(&r, &z);
+    let goal = tolerance * tolerance * rz;
+    for _ in 0..STEPS {
+        if rz <= goal || rz <= 0.0 {
+            return;
+        }
+        let ap = apply(&p);
+        let curvature = dot(&p, &ap);
+        if curvature <= 0.0 {
+            return;
+        }
+        let alpha = rz / curvature;
+        for i in 0..x.len() {
+            x[i] += alpha * p[i];
+            r[i] -= alpha * ap[i];
+        }
+        z = precondition(&r);
+        let next = dot(&r, &z);
+        let beta = next / rz;
+        rz = next;
+        for (p, z) in p.iter_mut().zip(&z) {
+            *p = *z + beta * *p;
         }
     }
 }
 
-/// along · n nᵀ + across · (I − n nᵀ).
-pub(super) fn split(n: DVec3, along: f64, across: f64) -> DMat3 {
-    let outer = DMat3::from_cols(n * n.x, n * n.y, n * n.z);
-    DMat3::from_diagonal(DVec3::splat(across)) + outer * (along - across)
+/// The inverse of a diagonal block; a control point that nothing pulls on stays where it is.
+pub(super) fn inverse_block(block: &DMat3) -> DMat3 {
+    let scale = block.x_axis.x + block.y_axis.y + block.z_axis.z;
+    if block.determinant() > 1e-30 * scale * scale * scale {
+        block.inverse()
+    } else {
+        DMat3::IDENTITY
+    }
 }

@@ -53,6 +53,7 @@ impl Polish<'_> {
         let mut limit = f64::INFINITY;
         for step in 0..=STEPS {
             let surface = self.surface(control_points)?;
+            self.choose_outliers(&surface)?;
             if step % SEARCH == 0 {
                 let max;
                 (max, watched) = self.search(&surface, &everything)?;
@@ -86,6 +87,7 @@ impl Polish<'_> {
         let vertices = self.target.vertices();
         all.positions.extend(vertices.positions);
         all.normals.extend(vertices.normals);
+        all.weights.extend(vertices.weights);
         all
     }
 
@@ -103,6 +105,7 @@ impl Polish<'_> {
             if let Some(&position) = of_target.positions.get(k) {
                 watched.of_target.positions.push(position);
                 watched.of_target.normals.push(of_target.normals[k]);
+                watched.of_target.weights.push(of_target.weights[k]);
             } else {
                 watched.of_surface.push(SurfacePoint {
                     triangle: f.triangle,

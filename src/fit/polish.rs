@@ -8,6 +8,7 @@
 //! Last, [`super::peaks`] lowers the largest distances.
 
 use super::least_squares::{Footpoint, LeastSquares, Shape, Weights};
+use super::outliers;
 use super::peaks;
 use super::target::{Place, Samples, Target};
 use super::voronoi::Options;
@@ -27,6 +28,10 @@ const SLIDING: f64 = 0.01;
 
 /// (λ_n, λ_t) and the number of steps with them: the measured schedule.
 const SCHEDULE: [(f64, f64, usize); 3] = [(1.0, 1.0, 1), (0.1, 0.5, 2), (0.01, 0.03, 6)];
+
+/// The same before it, where the surface comes from a template that lies on the target and no other phase has run: stiff enough to go there
+/// as a whole, and to unfold on the way. With 10 in place of 100 errors are the same and folds a little more.
+const APPROACH: (f64, f64, usize) = (100.0, 100.0, 3);
 
 /// The relative residual of the linear solves. With 1e-2 the penalties on peaks throw up new ones elsewhere.
 const TOLERANCE: f64 = 1e-3;
@@ -61,6 +66,11 @@ pub(super) struct Polish<'a> {
     /// `[patches]`: factors on the regularizer's weights, raised where the surface folds.
     stiffness: Vec<f64>,
     smoothness: f64,
+    /// The share of T's samples that are left out, and the distance beyond which they are.
+    outliers: f64,
+    cutoff: f64,
+    /// The schedule, after [`APPROACH`] where that is wanted.
+    schedule: Vec<(f64, f64, usize)>,
     /// Area samples a side, and those of T.
     pub samples: usize,
     of_target: Samples,
@@ -101,17 +111,21 @@ pub(super) struct Correspondence {
 
 impl<'a> Polish<'a> {
     /// Steps at most.
-    pub const STEPS: usize = SCHEDULE[0].2 + SCHEDULE[1].2 + SCHEDULE[2].2 + peaks::STEPS;
+    pub fn steps(&self) -> usize {
+        self.schedule.iter().map(|s| s.2).sum::<usize>() + peaks::STEPS
+    }
 
-    /// `cage`: the squared Laplacian of the control mesh.
+    /// `cage`: the squared Laplacian of the control mesh. `approaches`: whether the surface comes straight from a template on the target.
     pub fn new(
         device: &'a Device,
         target: &'a Target,
         model: &'a Model,
         smoothness: &Smoothness,
         cage: &Csr,
+        approaches: bool,
         options: &Options,
     ) -> Self {
+        let approach = approaches.then_some(APPROACH);
         let samples = (SAMPLES_PER_POINT * model.matrix.column_count).clamp(SAMPLES.0, SAMPLES.1);
         Self {
             device,
@@ -120,6 +134,9 @@ impl<'a> Polish<'a> {
             equations: LeastSquares::new(model, smoothness, cage),
             stiffness: vec![1.0; model.patches.last().map_or(0, |&p| p as usize + 1)],
             smoothness: options.smoothness,
+            outliers: options.outliers,
+            cutoff: f64::INFINITY,
+            schedule: approach.into_iter().chain(SCHEDULE).collect(),
             samples,
             of_target: target.samples(samples, options.seed),
             seed: options.seed,
@@ -147,9 +164,10 @@ impl<'a> Polish<'a> {
         mut observe: impl FnMut(Step) -> bool,
     ) -> Result<()> {
         let mut done = 0;
-        for stage in SCHEDULE {
+        for stage in self.schedule.clone() {
             for _ in 0..stage.2 {
                 let surface = self.surface(control_points)?;
+                self.choose_outliers(&surface)?;
                 let found = self.correspond(&surface)?;
                 if !observe(found.step(done)) {
                     return Ok(());
@@ -205,6 +223,16 @@ impl<'a> Polish<'a> {
         })
     }
 
+    /// Finds the distance from the surface beyond which the target's samples are left out.
+    pub(super) fn choose_outliers(&mut self, surface: &Surface) -> Result<()> {
+        if self.outliers > 0.0 {
+            let closest = surface.tree.query(&self.of_target.positions)?;
+            let distances = closest.into_iter().map(|c| c.distance_squared.sqrt());
+            self.cutoff = outliers::cutoff(distances, self.outliers);
+        }
+        Ok(())
+    }
+
     /// Closest points both ways from samples spread evenly.
     pub(super) fn correspond(&self, surface: &Surface) -> Result<Correspondence> {
         let of_surface = sample_by_area(&surface.mesh, self.samples, self.seed + 1);
@@ -219,14 +247,28 @@ impl<'a> Polish<'a> {
         of_surface: &[SurfacePoint],
     ) -> Result<Correspondence> {
         let mut found = Correspondence {
-            footpoints: Vec::with_capacity(of_target.positions.len() + of_surface.len()),
-            distances: Vec::with_capacity(of_target.positions.len() + of_surface.len()),
-            over_holes: Vec::new(),
             folded: vec![false; self.stiffness.len()],
+            ..Correspondence::default()
         };
         self.pull_to_samples(surface, of_target, &mut found)?;
         self.push_to_target(surface, of_surface, &mut found)?;
         Ok(found)
+    }
+
+    /// A footpoint, with the trust in its goal, and its distance from that as far as it is trusted. One beyond the cutoff is an outlier, which
+    /// counts as being where it should.
+    fn trimmed(&self, footpoint: Footpoint, trust: f64, distance: f64) -> (Footpoint, f64) {
+        if distance > self.cutoff {
+            let weight = 0.0;
+            return (
+                Footpoint {
+                    weight,
+                    ..footpoint
+                },
+                0.0,
+            );
+        }
+        (footpoint, trust.min(1.0) * distance)
     }
 
     /// T → S: each sample of T pulls its closest point of S.
@@ -237,17 +279,25 @@ impl<'a> Polish<'a> {
         found: &mut Correspondence,
     ) -> Result<()> {
         let closest = surface.tree.query(&samples.positions)?;
-        let goals = samples.positions.iter().zip(&samples.normals);
-        for (c, (&goal, &normal)) in closest.iter().zip(goals) {
-            found.distances.push(c.distance_squared.sqrt());
-            found.footpoints.push(Footpoint {
-                triangle: c.triangle,
-                barycentric: c.barycentric,
-                goal,
-                normal: direction(goal - c.point, normal),
-                weight: 1.0 / self.samples as f64,
+        let samples = samples
+            .positions
+            .par_iter()
+            .zip(&samples.normals)
+            .zip(&samples.weights);
+        let pulled = closest
+            .par_iter()
+            .zip(samples)
+            .map(|(c, ((&goal, &normal), weight))| {
+                let footpoint = Footpoint {
+                    triangle: c.triangle,
+                    barycentric: c.barycentric,
+                    goal,
+                    normal: direction(goal - c.point, normal),
+                    weight: weight / self.samples as f64,
+                };
+                self.trimmed(footpoint, *weight, c.distance_squared.sqrt())
             });
-        }
+        (found.footpoints, found.distances) = pulled.unzip();
         Ok(())
     }
 
@@ -264,14 +314,22 @@ impl<'a> Polish<'a> {
             .map(|s| s.position(mesh.corners(s.triangle as usize)))
             .collect();
         let closest = self.target.closest(&points)?;
-        for (c, (s, &point)) in closest.iter().zip(samples.iter().zip(&points)) {
-            let footpoint = Footpoint {
-                triangle: s.triangle,
-                barycentric: s.barycentric,
-                goal: c.point,
-                normal: direction(c.point - point, c.normal),
-                weight: 1.0 / self.samples as f64,
-            };
+        let pushed: Vec<(Footpoint, bool)> = closest
+            .par_iter()
+            .zip(samples.par_iter().zip(&points))
+            .map(|(c, (s, &point))| {
+                let footpoint = Footpoint {
+                    triangle: s.triangle,
+                    barycentric: s.barycentric,
+                    goal: c.point,
+                    normal: direction(c.point - point, c.normal),
+                    weight: c.weight / self.samples as f64,
+                };
+                let facing = mesh.area_vector(s.triangle as usize).normalize_or_zero();
+                (footpoint, facing.dot(c.normal) < FOLDED)
+            })
+            .collect();
+        for (c, (&point, (footpoint, folded))) in closest.iter().zip(points.iter().zip(pushed)) {
             match c.place {
                 Place::Rim => {}
                 Place::Bridge => found.over_holes.push(Footpoint {
@@ -279,12 +337,12 @@ impl<'a> Polish<'a> {
                     ..footpoint
                 }),
                 Place::Covered => {
-                    let facing = mesh.area_vector(s.triangle as usize).normalize_or_zero();
-                    if facing.dot(c.normal) < FOLDED {
-                        found.folded[self.model.patches[s.triangle as usize] as usize] = true;
-                    }
-                    found.distances.push(c.point.distance(point));
+                    let patch = self.model.patches[footpoint.triangle as usize];
+                    found.folded[patch as usize] |= folded;
+                    let distance = c.point.distance(point);
+                    let (footpoint, distance) = self.trimmed(footpoint, c.weight, distance);
                     found.footpoints.push(footpoint);
+                    found.distances.push(distance);
                 }
             }
         }

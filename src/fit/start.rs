@@ -1,18 +1,28 @@
 //! Where a fit starts: a template coarse enough to find its way, and how often it is subdivided on the way.
 
-use super::{Start, Target};
+use super::{Proximity, Start, Target};
 use crate::error::Result;
 use crate::mesh::{ControlMesh, Scheme};
-use crate::template::{self, Align, Axis};
+use crate::template::{self, Align, Axis, Genus};
 use glam::DVec3;
 
 /// A fit starts with at least this many control points, where the asked number allows: fewer do not show the target's shape, and
 /// from many more it folds.
 const COARSEST: usize = 90;
 
+/// An automatic template of more points is made with a quarter of them and subdivided: the grid that it comes from shows no smaller faces.
+const MOST_AUTOMATIC: usize = 2_500;
+
 /// What a fit starts from, in the target's coordinates.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Template {
+    /// Quads on the target, with its handles.
+    Automatic {
+        /// Control points at the end of the fit, within 5 %.
+        control_points: usize,
+        /// What becomes of its small handles.
+        genus: Genus,
+    },
     /// The target's bounding box.
     BoundingBox {
         /// Control points at the end of the fit, as nearly as the grid allows.
@@ -46,9 +56,24 @@ impl Start {
     /// into triangles.
     ///
     /// # Errors
-    /// As [`template::torus`], [`template::simplified`] and [`template::placed`].
+    /// As [`template::automatic`], [`template::torus`], [`template::simplified`] and [`template::placed`].
     pub fn new(target: &Target, template: &Template, scheme: Scheme) -> Result<Self> {
+        let mut proximity = match template {
+            Template::BoundingBox { .. } => Proximity::Far,
+            _ => Proximity::Near,
+        };
         let (mut control, subdivisions) = match template {
+            Template::Automatic {
+                control_points,
+                genus,
+            } => {
+                let (count, subdivisions) = at_most(*control_points, MOST_AUTOMATIC);
+                let automatic = template::automatic(&target.mesh, count, *genus)?;
+                if automatic.sound {
+                    proximity = Proximity::Touching;
+                }
+                (automatic.control, subdivisions)
+            }
             Template::BoundingBox { control_points } => {
                 // On a sphere V grows to 4 V − 6: by quads as by triangles, V − 2 is multiplied by four.
                 let (count, subdivisions) = coarsest(*control_points, 2);
@@ -81,7 +106,7 @@ impl Start {
         Ok(Self {
             control,
             subdivisions,
-            nearby: !matches!(template, Template::BoundingBox { .. }),
+            proximity,
         })
     }
 }
@@ -94,6 +119,13 @@ fn coarsest(wanted: usize, fixed: usize) -> (usize, usize) {
         share.round() as usize + fixed
     };
     let subdivisions = (1..32).take_while(|&k| at(k) >= COARSEST).count();
+    (at(subdivisions), subdivisions)
+}
+
+/// The number of points to start with, at most `most`, and of subdivisions that make it about `wanted`.
+fn at_most(wanted: usize, most: usize) -> (usize, usize) {
+    let at = |k: usize| wanted >> (2 * k);
+    let subdivisions = (0..).find(|&k| at(k) <= most).unwrap_or(0);
     (at(subdivisions), subdivisions)
 }
 
@@ -145,6 +177,28 @@ mod tests {
         };
         let reached = end(&ball, &template, Scheme::CatmullClark);
         assert!(reached.abs_diff(1500) < 75, "{reached}");
+    }
+
+    #[test]
+    fn automatic_templates_end_with_about_the_asked_number() {
+        let ring = shapes::torus(3.0, 1.0, 40, 20);
+        for control_points in [100, 1500, 6000] {
+            let genus = Genus::default();
+            let template = Template::Automatic {
+                control_points,
+                genus,
+            };
+            let target = Target::new(&Device::Cpu, &ring.triangulate()).unwrap();
+            let start = Start::new(&target, &template, Scheme::CatmullClark).unwrap();
+            let reached = start.control.mesh.positions.len() << (2 * start.subdivisions);
+            assert!(
+                reached.abs_diff(control_points) * 20 <= control_points,
+                "{reached}"
+            );
+        }
+        assert_eq!(at_most(0, 10), (0, 0));
+        assert_eq!(at_most(160, 10), (10, 2));
+        assert_eq!(at_most(usize::MAX, 3), (3, 31));
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! The target of a fit in the unit frame: its full detail for closest points, a decimated copy for Voronoi cells.
 
 use crate::device::Device;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::geometry::triangle_tree::{TriangleTree, spatial_order};
 use crate::kernel::candidates::Candidates;
 use crate::kernel::closest_point::ClosestPoints;
@@ -12,6 +12,8 @@ use crate::mesh::sample::{SurfacePoint, sample_by_area};
 use crate::mesh::{Frame, TriangleMesh};
 use crate::topology;
 use glam::DVec3;
+use rayon::prelude::*;
+use std::collections::HashMap;
 
 /// Triangles of the decimated copy: enough for far and middle distances, where cells are larger than its detail.
 const DECIMATED: usize = 20_000;
@@ -32,6 +34,8 @@ pub struct Target {
     pub mesh: TriangleMesh,
     /// `[triangles]`: whether it bridges a hole.
     bridge: Vec<bool>,
+    /// `[triangles]`: how much it counts, 1 in the mean.
+    pub(super) weights: Vec<f64>,
     closest: ClosestPoints,
     /// What is still open.
     boundary: Boundary,
@@ -47,6 +51,8 @@ pub struct TargetPoint {
     pub normal: DVec3,
     /// What is there.
     pub place: Place,
+    /// How much it counts.
+    pub weight: f64,
 }
 
 /// What a closest point of the target lies on.
@@ -67,21 +73,46 @@ pub struct Samples {
     pub positions: Vec<DVec3>,
     /// `[samples]`, unit length.
     pub normals: Vec<DVec3>,
+    /// `[samples]`: how much each counts, 1 in the mean.
+    pub weights: Vec<f64>,
+}
+
+/// What lies far from a surface.
+pub(super) struct Far {
+    pub surface: ClosestPoints,
+    /// From this distance on.
+    pub cutoff: f64,
 }
 
 impl Target {
-    /// Takes a target in its own coordinates. Equal positions are merged, triangles without area dropped.
+    /// Takes a target in its own coordinates. Equal positions are merged, triangles without area dropped, and which way the others face is put to
+    /// the vote ([`topology::oriented`]).
     ///
     /// # Errors
     /// Where nothing with area is left, or the device fails.
     pub fn new(device: &Device, mesh: &TriangleMesh) -> Result<Self> {
+        Self::with_confidence(device, mesh, &[])
+    }
+
+    /// Like [`Self::new`], with a weight for every vertex by which the polish trusts it, or none for vertices that count alike.
+    ///
+    /// # Errors
+    /// As [`Self::new`], and where the weights are of another number, negative, not finite or all zero.
+    pub fn with_confidence(
+        device: &Device,
+        mesh: &TriangleMesh,
+        confidence: &[f64],
+    ) -> Result<Self> {
         let frame = Frame::of(mesh)?;
-        let mut mesh = topology::cleaned(mesh);
+        let confidence = Confidence::new(mesh, confidence)?;
+        let mut mesh = topology::oriented(&topology::cleaned(mesh));
+        let mut weights = confidence.of_triangles(&mesh);
         mesh.positions
             .iter_mut()
             .for_each(|p| *p = frame.to_unit(*p));
         let real = mesh.triangles.len();
         mesh.triangles.extend(topology::fill_holes(&mesh));
+        weights.resize(mesh.triangles.len(), 1.0);
         let centers: Vec<DVec3> = (0..mesh.triangles.len())
             .map(|t| mesh.corners(t).iter().sum::<DVec3>() / 3.0)
             .collect();
@@ -91,6 +122,7 @@ impl Target {
             .filter(|&t| mesh.area_vector(t) != DVec3::ZERO)
             .collect();
         let bridge = order.iter().map(|&t| t >= real).collect();
+        let weights = order.iter().map(|&t| weights[t]).collect();
         mesh.triangles = order.iter().map(|&t| mesh.triangles[t]).collect();
         let decimated = if mesh.triangles.len() > DECIMATED {
             topology::simplify(&mesh, topology::Target::Faces(DECIMATED)).mesh
@@ -100,6 +132,7 @@ impl Target {
         Ok(Self {
             frame,
             bridge,
+            weights,
             closest: ClosestPoints::new(device, &mesh)?,
             boundary: Boundary::of(&mesh),
             decimated,
@@ -114,7 +147,7 @@ impl Target {
     pub fn closest(&self, points: &[DVec3]) -> Result<Vec<TargetPoint>> {
         let found = self.closest.query(points)?;
         Ok(found
-            .into_iter()
+            .into_par_iter()
             .map(|c| TargetPoint {
                 point: c.point,
                 normal: self.normal(c.triangle),
@@ -125,6 +158,7 @@ impl Target {
                 } else {
                     Place::Covered
                 },
+                weight: self.weights[c.triangle as usize],
             })
             .collect())
     }
@@ -138,15 +172,33 @@ impl Target {
         Samples {
             positions: points.iter().map(|p| self.position(p)).collect(),
             normals: points.iter().map(|p| self.normal(p.triangle)).collect(),
+            weights: points
+                .iter()
+                .map(|p| self.weights[p.triangle as usize])
+                .collect(),
         }
     }
 
     /// The vertices of the full target.
     pub fn vertices(&self) -> Samples {
         let normals = self.mesh.vertex_normals();
-        let used = self.mesh.positions.iter().zip(normals);
-        let (positions, normals) = used.filter(|(_, n)| *n != DVec3::ZERO).unzip();
-        Samples { positions, normals }
+        let mut weights = vec![(0.0, 0.0); normals.len()];
+        for (triangle, weight) in self.mesh.triangles.iter().zip(&self.weights) {
+            for &v in triangle {
+                let (sum, count) = &mut weights[v as usize];
+                *sum += weight;
+                *count += 1.0;
+            }
+        }
+        let mut samples = Samples::default();
+        for (v, &normal) in normals.iter().enumerate() {
+            if normal != DVec3::ZERO {
+                samples.positions.push(self.mesh.positions[v]);
+                samples.normals.push(normal);
+                samples.weights.push(weights[v].0 / weights[v].1);
+            }
+        }
+        samples
     }
 
     fn position(&self, point: &SurfacePoint) -> DVec3 {
@@ -163,19 +215,50 @@ impl Target {
     /// # Errors
     /// Where the device fails.
     pub fn fixed_side(&self, vertices: usize, seed: u64) -> Result<FixedSide> {
+        self.trimmed_fixed_side(vertices, seed, None)
+    }
+
+    /// The same of what is not `far`.
+    pub(super) fn trimmed_fixed_side(
+        &self,
+        vertices: usize,
+        seed: u64,
+        far: Option<Far>,
+    ) -> Result<FixedSide> {
         let cell = (self.decimated.area() / vertices as f64).sqrt();
-        let triangles = split_long(&self.decimated, MAX_EDGE * cell);
-        let even = self.even_samples(&triangles, vertices, seed)?;
+        let mut triangles = split_long(&self.decimated, MAX_EDGE * cell);
+        let trimmed = far.is_some();
+        if let Some(far) = far {
+            let centers: Vec<DVec3> = triangles
+                .iter()
+                .map(|t| t.iter().sum::<DVec3>() / 3.0)
+                .collect();
+            let mut distances = far
+                .surface
+                .query(&centers)?
+                .into_iter()
+                .map(|c| c.distance_squared.sqrt());
+            triangles.retain(|_| distances.next().is_some_and(|d| d <= far.cutoff));
+        }
+        let even = self.even_samples(&triangles, vertices, seed, trimmed)?;
         Ok(FixedSide::new(&triangles, even.positions, even.normals))
     }
 
-    /// Centroidal samples: random by area, then Lloyd's steps, then back onto the target.
-    fn even_samples(&self, triangles: &[[DVec3; 3]], count: usize, seed: u64) -> Result<Samples> {
+    /// Centroidal samples: random by area, then Lloyd's steps, then back onto the target. Where the triangles are only part of it, less those
+    /// that own nothing of them.
+    fn even_samples(
+        &self,
+        triangles: &[[DVec3; 3]],
+        count: usize,
+        seed: u64,
+        trimmed: bool,
+    ) -> Result<Samples> {
         let mut seeds: Vec<DVec3> = sample_by_area(&self.mesh, count, seed)
             .iter()
             .map(|p| self.position(p))
             .collect();
         let tree = TriangleTree::new(triangles);
+        let mut areas = Vec::new();
         for _ in 0..LLOYD_STEPS {
             let candidates = Candidates::find(&tree, triangles, &seeds, 0.0);
             let cells = restricted_voronoi::cpu(triangles, &seeds, &candidates, Metric::ISOTROPIC);
@@ -184,12 +267,72 @@ impl Target {
                     *seed += cells.moment[i] / cells.area[i];
                 }
             }
+            areas = cells.area;
+        }
+        if trimmed {
+            let mut area = areas.iter();
+            seeds.retain(|_| area.next().is_some_and(|&area| area > 0.0));
         }
         let closest = self.closest(&seeds)?;
         Ok(Samples {
             positions: closest.iter().map(|c| c.point).collect(),
             normals: closest.iter().map(|c| c.normal).collect(),
+            weights: vec![1.0; closest.len()],
         })
+    }
+}
+
+/// How much the vertices of a target count, by their positions: merging and dropping some does not change these.
+struct Confidence(HashMap<[u64; 3], f64>);
+
+impl Confidence {
+    fn new(mesh: &TriangleMesh, weights: &[f64]) -> Result<Self> {
+        if weights.is_empty() {
+            return Ok(Self(HashMap::new()));
+        }
+        let wrong = weights.iter().find(|w| !(w.is_finite() && **w >= 0.0));
+        let problem = if weights.len() != mesh.positions.len() {
+            format!(
+                "there are {} weights for {} vertices",
+                weights.len(),
+                mesh.positions.len()
+            )
+        } else if let Some(weight) = wrong {
+            format!("a vertex has the confidence {weight}")
+        } else if weights.iter().all(|&w| w == 0.0) {
+            "every vertex has the confidence 0".into()
+        } else {
+            let by_position = mesh
+                .positions
+                .iter()
+                .map(Self::key)
+                .zip(weights.iter().copied());
+            return Ok(Self(by_position.collect()));
+        };
+        Err(Error::input(problem, "mend or remove the confidence"))
+    }
+
+    fn key(p: &DVec3) -> [u64; 3] {
+        // Adding zero turns −0 into 0 and changes nothing else.
+        (*p + DVec3::ZERO).to_array().map(f64::to_bits)
+    }
+
+    /// `[triangles]`, with an area-weighted mean of 1.
+    fn of_triangles(&self, mesh: &TriangleMesh) -> Vec<f64> {
+        if self.0.is_empty() {
+            return vec![1.0; mesh.triangles.len()];
+        }
+        let weight = |p: DVec3| self.0.get(&Self::key(&p)).copied().unwrap_or(1.0);
+        let weights: Vec<f64> = (0..mesh.triangles.len())
+            .map(|t| mesh.corners(t).map(weight).iter().sum::<f64>() / 3.0)
+            .collect();
+        let area = |t: usize| 0.5 * mesh.area_vector(t).length();
+        let total: f64 = weights.iter().enumerate().map(|(t, w)| w * area(t)).sum();
+        let scale = mesh.area() / total;
+        match scale.is_finite() {
+            true => weights.iter().map(|w| w * scale).collect(),
+            false => vec![1.0; weights.len()],
+        }
     }
 }
 

@@ -5,17 +5,21 @@
 //! large to small (that order decides the folds), and the control mesh is subdivided in between, which leaves the
 //! surface as it is. Far phases see a decimated target and an isotropic metric. Then either the least-squares
 //! [polish](super::polish) finishes, or, as in the paper, the anisotropic energies with falling λ do.
+//! A template that lies on the target from the start ([`crate::template::automatic`]) is polished right away.
 
 use super::checkpoint::{Checkpoint, Checkpoints, fingerprint};
+use super::outliers;
 use super::polish::Polish;
-use super::target::Target;
+use super::target::{Far, Target};
 use crate::device::Device;
 use crate::energy::{Smoothness, laplacian};
 use crate::error::{Error, Result};
+use crate::kernel::closest_point::ClosestPoints;
 use crate::kernel::restricted_voronoi::Metric;
+use crate::kernel::sparse::Csr;
 use crate::kernel::vsdm::{MovingSide, Vsdm};
 use crate::measure::Figures;
-use crate::mesh::{Connectivity, ControlMesh, PolygonMesh, Scheme};
+use crate::mesh::{Connectivity, ControlMesh, PolygonMesh, Scheme, TriangleMesh};
 use crate::model::{self, Model};
 use crate::optimize::{Lbfgs, Stop};
 use crate::progress::{Event, Progress};
@@ -47,8 +51,14 @@ const FROM_NEARBY: Schedule = Schedule {
 };
 /// The paper's own finish, with normal anisotropy.
 const PURE: [(f64, usize); 3] = [(1.0, 20), (0.1, 60), (0.01, 60)];
+/// The factor on the squared Laplacian of the control mesh, in the polish of a template on the target: its cage is there to be modelled on. On the bunny from 0.0307 to
+/// 0.0416 % rms, but with a calm cage and a fifth of the folds; fertility from 0.0483 to 0.0557 % and less than half of them.
+const CALM: f64 = 8.0;
 /// Beyond this many control points, subdivision and polish alone refine further.
 const LAST_VORONOI: usize = 2_000;
+
+/// Samples of the target that tell which share of it is farthest from the surface.
+const SAMPLES: usize = 20_000;
 
 /// Pairs kept by L-BFGS.
 const MEMORY: usize = 10;
@@ -78,6 +88,8 @@ pub struct Options {
     pub mean_error: Option<f64>,
     /// Iterations at most, of all phases together.
     pub iterations: Option<usize>,
+    /// The share of the target's samples, from 0 to 0.5, that may be far from the surface without any pull on it.
+    pub outliers: f64,
     /// The seed of all sampling.
     pub seed: u64,
 }
@@ -94,6 +106,7 @@ impl Default for Options {
             max_error: None,
             mean_error: None,
             iterations: None,
+            outliers: 0.0,
             seed: 0,
         }
     }
@@ -106,8 +119,19 @@ pub struct Start {
     pub control: ControlMesh,
     /// How often it is subdivided during the fit.
     pub subdivisions: usize,
-    /// Whether it has about the target's shape already; else it is far away, like a bounding box.
-    pub nearby: bool,
+    /// How near the target it is.
+    pub proximity: Proximity,
+}
+
+/// How near its target a template is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Proximity {
+    /// Around it somewhere, like a bounding box.
+    Far,
+    /// Of about its shape.
+    Near,
+    /// On it without folds: with the polish, closest points serve from the start.
+    Touching,
 }
 
 /// One iteration of a phase.
@@ -241,18 +265,21 @@ pub fn fit_with_checkpoints(
         checkpoints,
         fingerprint,
         phases: 0,
+        calm: match start.proximity {
+            Proximity::Touching => CALM,
+            Proximity::Far | Proximity::Near => 1.0,
+        },
         control: start.control,
         iterations: Vec::new(),
         stages: Vec::new(),
         started: Instant::now(),
         ended: None,
     };
-    let schedule = if start.nearby {
-        &FROM_NEARBY
+    if start.proximity == Proximity::Touching && options.polish {
+        run.polishes_from(start.subdivisions)?;
     } else {
-        &FROM_AFAR
-    };
-    run.all_stages(start.subdivisions, schedule)?;
+        run.all_stages(start.subdivisions, start.proximity.schedule())?;
+    }
     if let Some(checkpoint) = run.checkpoints.resume {
         return Err(checkpoint.damaged("phases", "there are fewer phases in the fit"));
     }
@@ -274,6 +301,15 @@ pub fn fit_with_checkpoints(
     })
 }
 
+impl Proximity {
+    fn schedule(self) -> &'static Schedule {
+        match self {
+            Self::Far => &FROM_AFAR,
+            Self::Near | Self::Touching => &FROM_NEARBY,
+        }
+    }
+}
+
 struct Run<'a> {
     device: &'a Device,
     target: &'a Target,
@@ -283,6 +319,8 @@ struct Run<'a> {
     fingerprint: u64,
     /// Phases done.
     phases: usize,
+    /// The factor on the squared Laplacian of the control mesh.
+    calm: f64,
     control: ControlMesh,
     iterations: Vec<Iteration>,
     stages: Vec<(String, f64)>,
@@ -304,7 +342,7 @@ impl Run<'_> {
             }
             // Polished, a coarse surface is a better start for many points than more Voronoi steps.
             if self.options.polish && next_is_large && left > 0 {
-                self.polish()?;
+                self.polish(false)?;
             }
         }
         let anisotropy = match (self.options.anisotropy, self.options.polish) {
@@ -315,9 +353,23 @@ impl Run<'_> {
             self.voronoi("anisotropic", &PURE, Metric::anisotropic(s))?;
         }
         if self.options.polish {
-            self.polish()?;
+            self.polish(false)?;
         }
         Ok(())
+    }
+
+    /// Polishes a template on the target, and each of its subdivisions. Voronoi steps before would take several times as long and not lower the error
+    /// (fertility: 0.390 / 0.0511 % with them, 0.340 / 0.0484 % without), so they are left to who asks for an anisotropy.
+    fn polishes_from(&mut self, subdivisions: usize) -> Result<()> {
+        self.save()?;
+        for level in 0..subdivisions {
+            self.polish(level == 0)?;
+            self.control = model::subdivide(&self.control, self.options.scheme)?;
+        }
+        if let Some(s) = self.options.anisotropy {
+            self.voronoi("anisotropic", &PURE, Metric::anisotropic(s))?;
+        }
+        self.polish(subdivisions == 0 && self.options.anisotropy.is_none())
     }
 
     /// Whether the next phase is to be run: not once the fit has ended, and not where the checkpoint has it done.
@@ -393,9 +445,10 @@ impl Run<'_> {
         let begun = Instant::now();
         let model = self.model()?;
         let smoothness = Smoothness::new(&model.connectivity, &model.matrix);
-        let fixed = self
-            .target
-            .fixed_side(model.matrix.row_count(), self.options.seed)?;
+        let far = self.far_from(&model)?;
+        let fixed =
+            self.target
+                .trimmed_fixed_side(model.matrix.row_count(), self.options.seed, far)?;
         let moving = MovingSide::new(model.matrix, model.triangles);
         let mut terms = Vsdm::new(self.device, fixed, moving, metric);
         let steps = schedule.iter().map(|s| s.1).sum();
@@ -414,6 +467,29 @@ impl Run<'_> {
             }
         }
         self.end_phase(stage, begun)
+    }
+
+    /// What of the target the Voronoi terms pass over: what is so far from the surface.
+    fn far_from(&self, model: &Model) -> Result<Option<Far>> {
+        if self.options.outliers == 0.0 {
+            return Ok(None);
+        }
+        let surface = ClosestPoints::new(
+            self.device,
+            &TriangleMesh {
+                positions: model.positions(&self.control.mesh.positions),
+                triangles: model.triangles.clone(),
+            },
+        )?;
+        let samples = self.target.samples(SAMPLES, self.options.seed).positions;
+        let distances = surface
+            .query(&samples)?
+            .into_iter()
+            .map(|c| c.distance_squared.sqrt());
+        Ok(Some(Far {
+            cutoff: outliers::cutoff(distances, self.options.outliers),
+            surface,
+        }))
     }
 
     fn minimize(
@@ -482,8 +558,8 @@ impl Run<'_> {
         Ok(())
     }
 
-    /// Runs the least-squares polish on the present control mesh.
-    fn polish(&mut self) -> Result<()> {
+    /// Runs the least-squares polish on the present control mesh. `approaches`: whether that is a template on the target as it came.
+    fn polish(&mut self, approaches: bool) -> Result<()> {
         if !self.begins_phase()? {
             return Ok(());
         }
@@ -491,19 +567,20 @@ impl Run<'_> {
         let model = self.model()?;
         let smoothness = Smoothness::new(&model.connectivity, &model.matrix);
         let cage = laplacian(&Connectivity::of(&self.control.mesh)?);
-        let cage = cage.multiply(&cage);
+        let cage = scaled(&cage.multiply(&cage), self.calm);
         let mut polish = Polish::new(
             self.device,
             self.target,
             &model,
             &smoothness,
             &cage,
+            approaches,
             self.options,
         );
         let stage = format!("polish, {} control points", self.points());
         self.progress.event(Event::Stage {
             name: &stage,
-            steps: Polish::STEPS,
+            steps: polish.steps(),
         });
         let mut positions = std::mem::take(&mut self.control.mesh.positions);
         let control_points = positions.len();
@@ -539,4 +616,10 @@ impl Run<'_> {
         outcome?;
         self.end_phase(stage, begun)
     }
+}
+
+fn scaled(matrix: &Csr, factor: f64) -> Csr {
+    let row = |r| matrix.row(r).map(|(c, v)| (c, factor * v)).collect();
+    let rows: Vec<_> = (0..matrix.row_count()).map(row).collect();
+    Csr::from_rows(&rows, matrix.column_count)
 }

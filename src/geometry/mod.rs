@@ -9,5 +9,6 @@ pub mod random;
 pub mod triangle;
 pub mod triangle_tree;
 pub mod vector;
+pub mod winding;
 
 pub use bvh::{Bvh, ClosestPoint};

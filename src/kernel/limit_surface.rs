@@ -155,27 +155,7 @@ impl<'a> ClosestOnLimit<'a> {
     /// # Errors
     /// Where the device fails.
     pub fn track(&self, queries: &[LimitQuery]) -> Result<Vec<SurfacePoint>> {
-        let mut found = match &self.resident {
-            None => newton(self.patches, queries, self.settled),
-            Some(resident) => {
-                let raw = resident.query(queries)?;
-                let polish = |(query, answer): (&LimitQuery, &Answer)| match query.is_settled {
-                    true => settled(self.patches, query),
-                    false => self.patches.descend(
-                        query.point,
-                        answer.parameter,
-                        Range::Surface,
-                        self.settled,
-                    ),
-                };
-                queries
-                    .par_iter()
-                    .zip(&raw)
-                    .with_min_len(CHUNK)
-                    .map(polish)
-                    .collect()
-            }
-        };
+        let mut found = self.descend(queries)?;
         let failed: Vec<usize> = (0..queries.len())
             .filter(|&i| found[i].status != Status::Converged)
             .collect();
@@ -191,6 +171,28 @@ impl<'a> ClosestOnLimit<'a> {
             }
         }
         Ok(found)
+    }
+
+    /// What Newton's method finds from the start of each query, whatever its status.
+    ///
+    /// # Errors
+    /// Where the device fails.
+    pub fn descend(&self, queries: &[LimitQuery]) -> Result<Vec<SurfacePoint>> {
+        let Some(resident) = &self.resident else {
+            return Ok(newton(self.patches, queries, self.settled));
+        };
+        let raw = resident.query(queries)?;
+        let polish = |(query, answer): (&LimitQuery, &Answer)| match query.is_settled {
+            true => settled(self.patches, query),
+            false => {
+                self.patches
+                    .descend(query.point, answer.parameter, Range::Surface, self.settled)
+            }
+        };
+        Ok((queries.par_iter().zip(&raw))
+            .with_min_len(CHUNK)
+            .map(polish)
+            .collect())
     }
 
     /// The nearest point of the whole surface to each of `points`: none is nearer by more than `tolerance`, a length. `known`: a point of the surface for each to

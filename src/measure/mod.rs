@@ -13,7 +13,7 @@ pub mod validity;
 pub use distance::{Comparison, Options, compare};
 pub use hausdorff::Interval;
 pub use sampling::Figures;
-pub use surface_error::{Boundary, SurfaceError, distances, surface_error};
+pub use surface_error::{Boundary, SurfaceError, covered, distances, point_error, surface_error};
 
 /// Surfaces with known distances.
 #[cfg(test)]

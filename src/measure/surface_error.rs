@@ -52,16 +52,11 @@ pub fn surface_error(
         forth.add(closest.distance_squared, area);
     })?;
     let (mut covered, mut over_holes) = (Sums::default(), Sums::default());
-    let mut bridged = topology::cleaned(target);
-    let real = bridged.triangles.len();
-    bridged.triangles.extend(topology::fill_holes(&bridged));
-    let boundary = Boundary::of(&bridged);
-    let tree = Bvh::new(&bridged.positions, &bridged.triangles)?;
-    for_each_sample(surface, &tree, samples, |closest, area| {
-        let part = if closest.triangle as usize >= real || boundary.holds(closest) {
-            &mut over_holes
-        } else {
-            &mut covered
+    let bridged = Bridged::of(target)?;
+    for_each_sample(surface, &bridged.tree, samples, |closest, area| {
+        let part = match bridged.covers(closest) {
+            true => &mut covered,
+            false => &mut over_holes,
         };
         part.add(closest.distance_squared, area);
     })?;
@@ -71,6 +66,56 @@ pub fn surface_error(
         share_over_holes: over_holes.area / (over_holes.area + covered.area),
         max_over_holes: over_holes.figures().max,
     })
+}
+
+/// The distances of points from a surface, each of which counts alike.
+///
+/// # Errors
+/// Where the surface has no triangle.
+pub fn point_error(points: &[DVec3], surface: &TriangleMesh) -> Result<Figures> {
+    let mut sums = Sums::default();
+    let tree = Bvh::new(&surface.positions, &surface.triangles)?;
+    for closest in tree.closest_all(points) {
+        sums.add(closest.distance_squared, 1.0);
+    }
+    Ok(sums.figures())
+}
+
+/// For each of `points` whether the target has something to say about it: whether it is over the target rather than over one of its holes or
+/// beyond its rim.
+///
+/// # Errors
+/// Where the target has no triangle.
+pub fn covered(target: &TriangleMesh, points: &[DVec3]) -> Result<Vec<bool>> {
+    let bridged = Bridged::of(target)?;
+    let closest = bridged.tree.closest_all(points);
+    Ok(closest.iter().map(|c| bridged.covers(c)).collect())
+}
+
+/// A target with its holes bridged.
+struct Bridged {
+    /// The triangles that are not bridges come first.
+    real: usize,
+    boundary: Boundary,
+    tree: Bvh,
+}
+
+impl Bridged {
+    fn of(target: &TriangleMesh) -> Result<Self> {
+        let mut mesh = topology::cleaned(target);
+        let real = mesh.triangles.len();
+        mesh.triangles.extend(topology::fill_holes(&mesh));
+        Ok(Self {
+            real,
+            boundary: Boundary::of(&mesh),
+            tree: Bvh::new(&mesh.positions, &mesh.triangles)?,
+        })
+    }
+
+    /// Whether what this point is closest to is no bridge and no rim.
+    fn covers(&self, closest: &ClosestPoint) -> bool {
+        (closest.triangle as usize) < self.real && !self.boundary.holds(closest)
+    }
 }
 
 /// The distance from each of `points` to a surface, for colouring.

@@ -1,7 +1,8 @@
-//! Meshes as flat arrays: polygons, triangles, control meshes; connectivity; door checks; the unit frame; generated shapes.
+//! Meshes as flat arrays: polygons, triangles, control meshes, clouds of points; connectivity; door checks; the unit frame; generated shapes.
 
 pub mod check;
 pub mod check_volume;
+mod cloud;
 pub mod connectivity;
 pub mod frame;
 mod nodal;
@@ -12,6 +13,7 @@ mod triangle;
 mod volume;
 pub(crate) mod weld;
 
+pub use cloud::PointCloud;
 pub use connectivity::Connectivity;
 pub use frame::Frame;
 pub use nodal::NodalVolume;

@@ -3,6 +3,7 @@
 use super::TriangleMesh;
 use crate::geometry::random::Random;
 use glam::DVec3;
+use rayon::prelude::*;
 
 /// A point on a triangle mesh.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -25,6 +26,7 @@ impl SurfacePoint {
 /// gets one random point. Fewer only where the mesh has no area: none.
 pub fn sample_by_area(mesh: &TriangleMesh, count: usize, seed: u64) -> Vec<SurfacePoint> {
     let areas: Vec<f64> = (0..mesh.triangles.len())
+        .into_par_iter()
         .map(|t| mesh.area_vector(t).length())
         .collect();
     let total: f64 = areas.iter().sum();

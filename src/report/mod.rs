@@ -1,12 +1,15 @@
-//! The JSON report of a run, schema [`SCHEMA`].
+//! The report of a run: as JSON, schema [`SCHEMA`], and as a [`page`] to look at.
 //!
-//! Stable: keys are added, never renamed, and a key that does not apply is absent. Lengths are in the input's units; keys in `_percent` are
+//! The JSON is stable: keys are added, never renamed, and a key that does not apply is absent. Lengths are in the input's units; keys in `_percent` are
 //! in percent of the diagonal of the target's bounding box (for `compare`, of A's).
 
 mod error;
+mod numbers;
+pub mod page;
 mod settings;
 
 pub use error::{Directed, ErrorReport, Figures, OverHoles};
+pub use numbers::{count, significant};
 pub use settings::{Settings, VolumeSettings};
 
 use crate::benchmark::Row;

@@ -48,6 +48,9 @@ pub struct Settings {
     /// Iterations allowed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub iterations: Option<usize>,
+    /// The share of the target that may be ignored, in percent, where there is one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub outliers_percent: Option<f64>,
     /// The seed of all sampling.
     pub seed: u64,
 }
@@ -75,6 +78,7 @@ impl Settings {
             max_error_percent: percent(options.max_error),
             mean_error_percent: percent(options.mean_error),
             iterations: options.iterations,
+            outliers_percent: percent((options.outliers > 0.0).then_some(options.outliers)),
             seed: options.seed,
         }
     }
@@ -106,6 +110,7 @@ impl Settings {
             max_error_percent: percent(options.max_error),
             mean_error_percent: percent(options.mean_error),
             iterations: options.iterations,
+            outliers_percent: None,
             seed,
         }
     }

@@ -1,15 +1,17 @@
 //! Templates: where a model starts and how it is connected.
 //!
-//! [`bounding_box`] for targets like a ball, [`torus`] for those with one hole, [`simplified`] for any target of triangles, [`placed`] for a
-//! mesh of the user's own. All work in
+//! [`automatic`] for anything that encloses something, [`bounding_box`] for targets like a ball, [`torus`] for those with one hole, [`simplified`] for any
+//! target of triangles, [`placed`] for a mesh of the user's own. All work in
 //! the coordinates of what they are given; a fit gives them its unit frame.
 
 mod align;
+mod auto;
 mod hole;
 mod torus;
 pub mod volume;
 
 pub use align::alignment;
+pub use auto::{Automatic, Genus, automatic, skin};
 pub use torus::{Axis, torus};
 
 use crate::error::{Error, Result};

@@ -75,7 +75,7 @@ pub(super) fn widest_hole(target: &TriangleMesh) -> Result<Hole> {
 }
 
 /// ∫ (x − c)(x − c)ᵀ over the surface, c its centroid. Its smallest eigenvalue belongs to the axis of largest inertia.
-fn area_covariance(target: &TriangleMesh) -> DMat3 {
+pub(super) fn area_covariance(target: &TriangleMesh) -> DMat3 {
     let square = |p: DVec3| DMat3::from_cols(p * p.x, p * p.y, p * p.z);
     let area = |t: usize| 0.5 * target.area_vector(t).length();
     let triangles = || (0..target.triangles.len()).map(|t| (area(t), target.corners(t)));

@@ -11,7 +11,7 @@
 use super::split::check_triangles;
 use crate::error::Result;
 use crate::mesh::{Connectivity, ControlMesh, PolygonMesh};
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 
 /// The least cosine between the normals of the two faces, before and after a flip, and of one before and one after.
 const FLAT: f64 = 0.7;
@@ -25,11 +25,40 @@ const RISE: f64 = 1e-6;
 /// No opposite half-edge.
 const NONE: u32 = u32::MAX;
 
-/// Lowers R by flips until no flip lowers it. Returns the faces changed, ascending.
+/// A flip that was made: the faces (a, b, c) and (b, a, d) became (a, d, c) and (d, b, c), in their places and from their first corners on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Flip {
+    /// The places of the two faces.
+    pub faces: [u32; 2],
+    /// Which corner a was in the first face, and b in the second.
+    corners: [usize; 2],
+}
+
+impl Flip {
+    /// The face and parameters of what was at `at` in `face`, one of the two, if both lie flat as a parallelogram.
+    pub fn locate(&self, face: u32, at: DVec2) -> (u32, DVec2) {
+        let weights = [1.0 - at.x - at.y, at.x, at.y];
+        let is_first = face == self.faces[0];
+        let turn = self.corners[usize::from(!is_first)];
+        let [p, q, r] = [0, 1, 2].map(|k| weights[(turn + k) % 3]);
+        let [a, b, c, d] = match is_first {
+            true => [p, q, r, 0.0],
+            false => [q, p, 0.0, r],
+        };
+        // In a parallelogram a + b = c + d: what a and b share counts for c and d.
+        let shared = a.min(b);
+        match a > b {
+            true => (self.faces[0], DVec2::new(d + shared, c + shared)),
+            false => (self.faces[1], DVec2::new(b - shared, c + shared)),
+        }
+    }
+}
+
+/// Lowers R by flips until no flip lowers it. Returns the flips in order.
 ///
 /// # Errors
 /// Where the mesh is no oriented manifold or has a face other than a triangle.
-pub fn flip_for_valence(control: &mut ControlMesh) -> Result<Vec<u32>> {
+pub fn flip_for_valence(control: &mut ControlMesh) -> Result<Vec<Flip>> {
     flip_all(control, |mesh, h, positions| {
         let quad = mesh.quad(h);
         mesh.valence_change(quad) < 0
@@ -37,11 +66,11 @@ pub fn flip_for_valence(control: &mut ControlMesh) -> Result<Vec<u32>> {
     })
 }
 
-/// Raises the smallest angle of two neighbouring faces by flips until no flip raises it. Returns the faces changed, ascending.
+/// Raises the smallest angle of two neighbouring faces by flips until no flip raises it. Returns the flips in order.
 ///
 /// # Errors
 /// As [`flip_for_valence`].
-pub fn flip_for_angles(control: &mut ControlMesh) -> Result<Vec<u32>> {
+pub fn flip_for_angles(control: &mut ControlMesh) -> Result<Vec<Flip>> {
     flip_all(control, |mesh, h, positions| {
         let quad = mesh.quad(h);
         least_angle(turned(quad), positions) > least_angle(quad, positions) + RISE
@@ -66,28 +95,27 @@ fn optimal(on_boundary: bool) -> i64 {
 fn flip_all(
     control: &mut ControlMesh,
     wanted: impl Fn(&Flippable, u32, &[DVec3]) -> bool,
-) -> Result<Vec<u32>> {
+) -> Result<Vec<Flip>> {
+    let mut flips = Vec::new();
     let mut mesh = Flippable::of(control)?;
     let positions = std::mem::take(&mut control.mesh.positions);
     loop {
-        let mut flipped = false;
+        let before = flips.len();
         for h in 0..mesh.origins.len() as u32 {
             if mesh.is_flippable(h)
                 && wanted(&mesh, h, &positions)
                 && stays_flat(mesh.quad(h), &positions)
                 && !mesh.has_other_diagonal(h)
             {
-                mesh.flip(h);
-                flipped = true;
+                flips.push(mesh.flip(h));
             }
         }
-        if !flipped {
+        if flips.len() == before {
             break;
         }
     }
     control.mesh = PolygonMesh::from_faces(positions, mesh.origins.chunks_exact(3));
-    let changed = mesh.changed.iter().zip(0..);
-    Ok(changed.filter(|(c, _)| **c).map(|(_, f)| f).collect())
+    Ok(flips)
 }
 
 /// Two faces (a, b, c) and (b, a, d).
@@ -136,8 +164,6 @@ struct Flippable {
     valence: Vec<i64>,
     /// `[vertices]`: whether it lies on the boundary.
     on_boundary: Vec<bool>,
-    /// `[faces]`: whether it has been flipped.
-    changed: Vec<bool>,
 }
 
 /// The half-edge after `h` around its triangle.
@@ -183,7 +209,6 @@ impl Flippable {
                 .map(|v| mesh.spokes(v).count() as i64)
                 .collect(),
             on_boundary: vertices.map(|v| mesh.is_boundary_vertex(v)).collect(),
-            changed: vec![false; mesh.face_count()],
         })
     }
 
@@ -250,7 +275,7 @@ impl Flippable {
     }
 
     /// Turns the faces (a, b, c) and (b, a, d) at `h` into (a, d, c) and (d, b, c), in their places.
-    fn flip(&mut self, h: u32) {
+    fn flip(&mut self, h: u32) -> Flip {
         let [a, b, c, d] = self.quad(h);
         let o = self.opposites[h as usize];
         let (f, g) = (h / 3, o / 3);
@@ -266,11 +291,14 @@ impl Flippable {
         for v in [c, d] {
             self.valence[v as usize] += 1;
         }
+        Flip {
+            faces: [f, g],
+            corners: [h, o].map(|h| (h % 3) as usize),
+        }
     }
 
     /// Gives a face its vertices and, for each half-edge, what runs back and whether it is sharp.
     fn set(&mut self, f: u32, vertices: [u32; 3], edges: [(u32, bool); 3]) {
-        self.changed[f as usize] = true;
         for ((h, v), (opposite, sharp)) in (3 * f..).zip(vertices).zip(edges) {
             self.origins[h as usize] = v;
             self.outgoing[v as usize] = h;
@@ -337,7 +365,7 @@ mod tests {
             mesh.edge_between(a, b).is_some()
         };
         let mut plain = disc();
-        assert!(flip_for_angles(&mut plain).unwrap().starts_with(&[0, 1]));
+        assert_eq!(flip_for_angles(&mut plain).unwrap()[0].faces, [0, 1]);
         assert!(has(&plain, 2, 3) && !has(&plain, 0, 1));
 
         let mut creased = disc();
@@ -354,6 +382,46 @@ mod tests {
         }
         flip_for_angles(&mut bent).unwrap();
         assert!(has(&bent, 0, 1));
+    }
+
+    #[test]
+    fn parameters_follow_their_points_over_a_flip() {
+        // A parallelogram in its ring, turned so that every corner of its faces comes first once.
+        let mut before = disc();
+        for (v, [x, y]) in [[0.0, -1.0], [1.0, 3.0], [-0.5, 1.0], [1.5, 1.0]]
+            .into_iter()
+            .enumerate()
+        {
+            before.mesh.positions[v] = DVec3::new(x, y, 0.0);
+        }
+        for (turn, other) in [(0, 0), (1, 2), (2, 1)] {
+            let faces = before.mesh.faces().map(|f| [f[0], f[1], f[2]]);
+            let mut faces: Vec<[u32; 3]> = faces.collect();
+            faces[0].rotate_left(turn);
+            faces[1].rotate_left(other);
+            let turned = PolygonMesh::from_faces(before.mesh.positions.clone(), faces);
+            let mut after = ControlMesh::from(turned.clone());
+            let flips = flip_for_angles(&mut after).unwrap();
+            assert_eq!(flips[0].faces, [0, 1]);
+            let place = |mesh: &PolygonMesh, f: u32, at: DVec2| {
+                let [a, b, c] =
+                    [0, 1, 2].map(|k| mesh.positions[mesh.face(f as usize)[k] as usize]);
+                a * (1.0 - at.x - at.y) + b * at.x + c * at.y
+            };
+            for (face, x, y) in [
+                (0, 0.1, 0.3),
+                (0, 0.7, 0.2),
+                (1, 0.25, 0.5),
+                (1, 0.0, 0.4),
+                (0, 0.5, 0.0),
+            ] {
+                let at = DVec2::new(x, y);
+                let (there, moved) = flips[0].locate(face, at);
+                assert!(moved.min_element() >= 0.0 && moved.x + moved.y <= 1.0 + 1e-15);
+                let distance = place(&turned, face, at).distance(place(&after.mesh, there, moved));
+                assert!(distance < 1e-15, "{face} {at} {distance}");
+            }
+        }
     }
 
     #[test]

@@ -62,7 +62,7 @@ pub fn manifold(mesh: &TriangleMesh) -> Manifold {
 }
 
 /// The half-edge across each edge of exactly two triangles, in whatever direction it runs; and the number of edges of more.
-fn pairs(triangles: &[[u32; 3]]) -> (Vec<Option<usize>>, usize) {
+pub(super) fn pairs(triangles: &[[u32; 3]]) -> (Vec<Option<usize>>, usize) {
     let mut edges: Vec<([u32; 2], usize)> = (0..3 * triangles.len())
         .map(|h| {
             let ends = [h, next(h)].map(|h| triangles[h / 3][h % 3]);
@@ -83,7 +83,7 @@ fn pairs(triangles: &[[u32; 3]]) -> (Vec<Option<usize>>, usize) {
 }
 
 /// Which triangles to turn over; cuts, and counts, the edges where that does not help.
-fn orient(mesh: &TriangleMesh, neighbours: &mut [Option<usize>]) -> (Vec<bool>, usize) {
+pub(super) fn orient(mesh: &TriangleMesh, neighbours: &mut [Option<usize>]) -> (Vec<bool>, usize) {
     let start = |h: usize| mesh.triangles[h / 3][h % 3];
     let mut turn: Vec<Option<bool>> = vec![None; mesh.triangles.len()];
     let mut cut = 0;

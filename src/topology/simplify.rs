@@ -40,7 +40,7 @@ pub struct Simplified {
 
 /// Weight of the planes that hold a rim, against area: an edge of length l counts as `RIM` l².
 const RIM: f64 = 10.0;
-/// Weight of a vertex's own place, against the area around it: enough for a regular system in f64, too little to be seen in the errors.
+/// The weight of a vertex's own place, against the area around it, unless the caller wants another: enough for a regular system in f64, too little to be seen in the errors.
 const ANCHOR: f64 = 1e-5;
 /// A contraction may turn no triangle by more than this cosine allows.
 const TURN: f64 = 0.2;
@@ -51,6 +51,12 @@ const TURN: f64 = 0.2;
 /// returned so, with the bits of its positions. Expects finite positions and indices in range, as the readers ensure. O(n log n) in time; about 200 bytes
 /// a triangle.
 pub fn simplify(mesh: &TriangleMesh, target: Target) -> Simplified {
+    simplify_evenly(mesh, target, ANCHOR)
+}
+
+/// Like [`simplify`], with triangles of even size where `evenness` is large: the weight of a vertex's own place against the area around it, 1e-5 in [`simplify`]. From about
+/// 1e-3 on flat parts are divided as evenly as round ones.
+pub fn simplify_evenly(mesh: &TriangleMesh, target: Target, evenness: f64) -> Simplified {
     let clean = cleaned(mesh);
     let Ok(frame) = Frame::of(&clean) else {
         let reached = true;
@@ -60,7 +66,7 @@ pub fn simplify(mesh: &TriangleMesh, target: Target) -> Simplified {
             reached,
         };
     };
-    let mut run = Simplification::new(&clean, &frame);
+    let mut run = Simplification::new(&clean, &frame, evenness);
     let reached = run.contract_to(target);
     let positions: Vec<DVec3> = run
         .positions
@@ -112,13 +118,13 @@ struct Simplification {
 }
 
 impl Simplification {
-    fn new(mesh: &TriangleMesh, frame: &Frame) -> Self {
+    fn new(mesh: &TriangleMesh, frame: &Frame, evenness: f64) -> Self {
         let complex = Complex::new(&mesh.triangles, mesh.positions.len());
         let positions: Vec<DVec3> = mesh.positions.iter().map(|&p| frame.to_unit(p)).collect();
         let quadrics = (0..positions.len() as u32)
             .into_par_iter()
             .with_min_len(1024)
-            .map(|v| vertex_quadric(&complex, &positions, v))
+            .map(|v| vertex_quadric(&complex, &positions, v, evenness))
             .collect();
         let mut run = Self {
             standing: vec![Standing::Priced; complex.edge_count()],
@@ -281,15 +287,20 @@ fn least(quadric: &Quadric, points: [DVec3; 3]) -> DVec3 {
 }
 
 /// The planes of a vertex's triangles, of its rim, and its own place.
-fn vertex_quadric(complex: &Complex, positions: &[DVec3], v: u32) -> Quadric {
+fn vertex_quadric(complex: &Complex, positions: &[DVec3], v: u32, evenness: f64) -> Quadric {
     let mut sum = Quadric::default();
     for corner in complex.star(v) {
-        sum += corner_quadric(complex, positions, corner);
+        sum += corner_quadric(complex, positions, corner, evenness);
     }
     sum
 }
 
-fn corner_quadric(complex: &Complex, positions: &[DVec3], corner: Corner) -> Quadric {
+fn corner_quadric(
+    complex: &Complex,
+    positions: &[DVec3],
+    corner: Corner,
+    evenness: f64,
+) -> Quadric {
     let (t, k) = split(corner);
     let triangle = complex.triangle(t);
     let [p, q, r] = triangle.from(k, positions);
@@ -298,7 +309,7 @@ fn corner_quadric(complex: &Complex, positions: &[DVec3], corner: Corner) -> Qua
         return Quadric::default();
     };
     let area = 0.5 * cross.length();
-    let mut sum = Quadric::plane(normal, p, area) + Quadric::point(p, ANCHOR * area);
+    let mut sum = Quadric::plane(normal, p, area) + Quadric::point(p, evenness * area);
     let [to_r, to_q] = complex.spokes(corner);
     for (edge, side) in [(to_q, q - p), (to_r, r - p)] {
         if complex.faces(edge) != 2 {

@@ -4,11 +4,28 @@
 #![allow(dead_code)]
 
 pub mod elements;
+pub mod volumes;
 
 use glam::DVec3;
+use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 use vorofit::device::{Adapter, Gpu, Shader};
 use vorofit::kernel::Kernel;
+
+/// A file of the public data, which is no part of the repository: in `../shared/data`, or where `VOROFIT_DATA` says. One that is not
+/// there is named.
+pub fn data(name: &str) -> Option<PathBuf> {
+    let folder = std::env::var_os("VOROFIT_DATA").map_or_else(
+        || Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"),
+        PathBuf::from,
+    );
+    let path = folder.join(name);
+    if !path.exists() {
+        eprintln!("skipped: {name} is not in {}", folder.display());
+        return None;
+    }
+    Some(path)
+}
 
 /// The machine's GPU, software included. Tests that need one fail where there is none; they never skip.
 pub fn gpu() -> &'static Gpu {

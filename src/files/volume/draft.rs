@@ -1,4 +1,4 @@
-use super::Volume;
+use super::{Pyramids, Volume};
 use crate::error::Defect;
 use crate::mesh::weld::equal_positions;
 use crate::mesh::{CellShape, NodalVolume, VolumeMesh, check_volume};
@@ -15,6 +15,9 @@ pub(super) enum Kind {
     /// An element with a volume that cannot be used.
     Unsupported(&'static str),
 }
+
+/// What cells with a quad and four triangles are called in messages.
+pub(super) const PYRAMIDS: &str = "pyramids";
 
 /// The highest order that is read: what this program writes at most.
 pub(super) const MAX_ORDER: usize = 16;
@@ -119,7 +122,13 @@ impl Draft {
     }
 
     /// The checked volume.
-    pub(super) fn finish(mut self) -> Result<Volume, Defect> {
+    pub(super) fn finish(mut self, pyramids: Pyramids) -> Result<Volume, Defect> {
+        if pyramids == Pyramids::LeftOut
+            && let Some((count, _)) = self.unsupported.remove(PYRAMIDS)
+        {
+            let note = format!("{count} pyramids, left out: where they were is a hole");
+            self.warnings.push(note);
+        }
         self.check_usable()?;
         if self.flat > 0 {
             let note = format!("{} points, lines and surface elements, left out", self.flat);
@@ -162,10 +171,14 @@ impl Draft {
 
     fn check_usable(&self) -> Result<(), Defect> {
         if let Some((name, (count, place))) = self.unsupported.first_key_value() {
+            let remedy = "mesh again with tetrahedra, prisms and hexahedra only";
             return Err(Defect::new(
                 place.clone(),
                 format!("here is the first of {count} {name}, which are not supported"),
-                "mesh again with tetrahedra, prisms and hexahedra only, or take these cells out",
+                match *name {
+                    PYRAMIDS => format!("{remedy}, or leave them out (--drop-pyramids)"),
+                    _ => remedy.into(),
+                },
             ));
         }
         if self.shapes.is_empty() {

@@ -1,6 +1,6 @@
 //! Medit's meshes: text (`.mesh`) and binary (`.meshb`, versions 1 to 4 of the library libMeshb).
 
-use super::draft::{Draft, Kind};
+use super::draft::{Draft, Kind, PYRAMIDS};
 use super::scan::{Number, Scanner, points};
 use super::vtk;
 use crate::error::Defect;
@@ -15,7 +15,7 @@ const ELEMENTS: [(&str, i64, usize, Kind); 8] = [
     ("Prisms", 9, 6, Kind::Cell(CellShape::Prism, 1)),
     ("Pentahedra", 9, 6, Kind::Cell(CellShape::Prism, 1)),
     ("Hexahedra", 10, 8, Kind::Cell(CellShape::Hexahedron, 1)),
-    ("Pyramids", 49, 5, Kind::Unsupported("pyramids")),
+    ("Pyramids", 49, 5, Kind::Unsupported(PYRAMIDS)),
 ];
 
 const DIMENSION: i64 = 3;

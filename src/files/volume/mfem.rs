@@ -7,7 +7,7 @@
 //! (`H1_3D_Pp`, Linear, Quadratic, Cubic), whose first values are the vertices, only the vertices are taken beyond order 1, with a warning.
 
 use super::VolumeToWrite;
-use super::draft::{Draft, Kind, MAX_ORDER};
+use super::draft::{Draft, Kind, MAX_ORDER, PYRAMIDS};
 use super::scan::{Number, Scanner, points};
 use crate::error::Defect;
 use crate::files::quoted;
@@ -27,7 +27,7 @@ const GEOMETRIES: [(usize, Kind); 8] = [
     (4, Kind::Cell(CellShape::Tetrahedron, 1)),
     (8, Kind::Cell(CellShape::Hexahedron, 1)),
     (6, Kind::Cell(CellShape::Prism, 1)),
-    (5, Kind::Unsupported("pyramids")),
+    (5, Kind::Unsupported(PYRAMIDS)),
 ];
 
 /// How far the nodes of cells may be from a common vertex, relative to the largest coordinate: text has 6 digits at least.

@@ -1,7 +1,7 @@
 //! Volume meshes from files and into files, one file per format.
 //!
 //! Reading: [`read_volume`] takes Medit, legacy VTK, VTU, MSH and MFEM files. Tetrahedra, prisms and hexahedra make the mesh; points, lines
-//! and surface elements are counted and left out; pyramids and other cells are refused by name. Where all cells of a shape are numbered the
+//! and surface elements are counted and left out; other cells are refused by name, pyramids if [`Pyramids`] says so. Where all cells of a shape are numbered the
 //! other way round, they are turned; single inverted cells stay. Corners at identical positions are merged, because cells that touch
 //! without sharing vertices would come apart. What is left must fit together ([`crate::mesh::check_volume`]).
 //!
@@ -45,6 +45,20 @@ pub struct Volume {
     pub warnings: Vec<String>,
 }
 
+/// What becomes of the pyramids of a file: elements do not come in this shape.
+///
+/// Nothing else can take their place: two tetrahedra have triangles where the cell on the other side of the base has a quad, and would come
+/// apart from it when they are curved.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Pyramids {
+    /// A file that has some is refused.
+    #[default]
+    Refused,
+    /// The mesh is read without them: their neighbours' faces become boundary, so that each group of pyramids is a hole with a surface
+    /// of its own.
+    LeftOut,
+}
+
 /// Reads a volume mesh; the format is told by the extension, in any case of letters, Medit's and MFEM's `.mesh` by the content.
 ///
 /// Vertices keep the file's order. Data on points and cells is passed over.
@@ -52,20 +66,20 @@ pub struct Volume {
 /// # Errors
 /// Where the file cannot be read, is of another format than its name says, is truncated or malformed, holds cells that are not supported,
 /// or fails [`crate::mesh::check_volume::sound`].
-pub fn read_volume(path: &Path) -> Result<Volume> {
+pub fn read_volume(path: &Path, pyramids: Pyramids) -> Result<Volume> {
     let bytes = std::fs::read(path).map_err(|e| Error::io(path, e))?;
-    volume_from_bytes(path, &bytes)
+    volume_from_bytes(path, &bytes, pyramids)
 }
 
 /// Like [`read_volume`], with the content of the file given; `path` says the format and is named in errors.
 ///
 /// # Errors
 /// As [`read_volume`].
-pub fn volume_from_bytes(path: &Path, bytes: &[u8]) -> Result<Volume> {
-    read(path, bytes).map_err(|defect| defect.in_file(path))
+pub fn volume_from_bytes(path: &Path, bytes: &[u8], pyramids: Pyramids) -> Result<Volume> {
+    read(path, bytes, pyramids).map_err(|defect| defect.in_file(path))
 }
 
-fn read(path: &Path, bytes: &[u8]) -> Result<Volume, Defect> {
+fn read(path: &Path, bytes: &[u8], pyramids: Pyramids) -> Result<Volume, Defect> {
     let format = Format::of(path, bytes)?;
     if bytes.is_empty() {
         return Err(Defect::new("start", "the file is empty", "export it again"));
@@ -91,7 +105,7 @@ fn read(path: &Path, bytes: &[u8]) -> Result<Volume, Defect> {
         Format::Msh => msh::read(bytes),
         Format::Mfem => mfem::read(bytes),
     };
-    draft?.finish()
+    draft?.finish(pyramids)
 }
 
 /// What goes into a file: cells with their nodes, and numbers on them.

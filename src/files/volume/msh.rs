@@ -4,7 +4,7 @@
 //! cannot be evaluated).
 
 use super::VolumeToWrite;
-use super::draft::{Draft, Kind};
+use super::draft::{Draft, Kind, PYRAMIDS};
 use super::numbering::{Inside, Numbering};
 use super::scan::{Number, Scanner, points};
 use crate::error::Defect;
@@ -269,7 +269,7 @@ fn read_elements(
 /// What a type of element is here, and its number of nodes.
 fn kind(element_type: i64) -> Result<(Kind, usize), &'static str> {
     if element_type == LINEAR_PYRAMID {
-        return Ok((Kind::Unsupported("pyramids"), 5));
+        return Ok((Kind::Unsupported(PYRAMIDS), 5));
     }
     if let Some(&(_, nodes)) = FLAT.iter().find(|&&(flat, _)| flat == element_type) {
         return Ok((Kind::Flat, nodes));

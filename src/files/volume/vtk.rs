@@ -1,6 +1,6 @@
 //! What legacy VTK files and `.vtu` have in common: types of cells and the order of their nodes.
 
-use super::draft::{Draft, Kind, order_of};
+use super::draft::{Draft, Kind, PYRAMIDS, order_of};
 use super::numbering::{Inside, Numbering};
 use crate::error::Defect;
 use crate::mesh::CellShape;
@@ -181,7 +181,7 @@ fn kind(cell_type: i64, nodes: usize, mislabelled: &mut usize) -> Result<Kind, S
         LAGRANGE_HEXAHEDRON => curved(CellShape::Hexahedron),
         LAGRANGE_WEDGE => curved(CellShape::Prism),
         0..=9 | 21..=23 | 28 | 30 | 34..=36 | 68..=70 | 75..=77 => Ok(Kind::Flat),
-        14 | 27 | 37 | 74 => Ok(Kind::Unsupported("pyramids")),
+        14 | 27 | 37 | 74 => Ok(Kind::Unsupported(PYRAMIDS)),
         25 | 29 | 33 => Ok(Kind::Unsupported(
             "quadratic hexahedra of VTK's older kinds (export Lagrange cells)",
         )),

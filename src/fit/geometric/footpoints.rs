@@ -5,12 +5,15 @@ use crate::error::Result;
 use crate::geometry::Bvh;
 use crate::kernel::limit_surface::{ClosestOnLimit, LimitQuery};
 use crate::mesh::Connectivity;
-use crate::model::limit_surface::{LimitSurface, Patches, SurfaceParameter};
+use crate::model::limit_surface::{LimitSurface, Patches, Status, SurfaceParameter, SurfacePoint};
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
 /// A footpoint that moved by less than this in the parameters of its face is settled: it is taken along with the surface once.
 const SETTLED: f64 = 1e-4;
+
+/// How many times as far from its point a footpoint may be that was taken along.
+const DRIFT: f64 = 1.05;
 
 /// Distances under this, in diagonals, have no direction of their own.
 const COINCIDENT: f64 = 1e-7;
@@ -20,6 +23,9 @@ const TRACKED: f64 = 1e-6;
 
 /// How much nearer than the footpoint found by a full search another point of the surface may be, in diagonals.
 const SEARCHED: f64 = 1e-5;
+
+/// The weight of a point of the boundary: there are few of them.
+const BOUNDARY: f64 = 4.0;
 
 /// Straight pieces to an edge of the boundary, for first guesses.
 const PIECES: u32 = 8;
@@ -35,6 +41,8 @@ pub(super) struct Sample {
     pub goal: DVec3,
     /// Whether its footpoint is to lie on the boundary.
     pub on_boundary: bool,
+    /// How much it counts.
+    pub weight: f64,
     /// The footpoint's parameter.
     pub at: SurfaceParameter,
     /// Where it is.
@@ -52,15 +60,32 @@ pub(super) struct Sample {
 impl Sample {
     /// A point whose footpoint is not known.
     pub fn new(goal: DVec3, on_boundary: bool) -> Self {
-        Self {
+        let mut sample = Self {
             goal,
             on_boundary,
+            weight: 1.0,
             at: UNKNOWN,
             position: goal,
             direction: DVec3::ZERO,
             row: Vec::new(),
             is_known: false,
             is_settled: false,
+        };
+        sample.weight = sample.least_weight();
+        sample
+    }
+
+    /// How much it counts unless it is a peak.
+    pub fn least_weight(&self) -> f64 {
+        if self.on_boundary { BOUNDARY } else { 1.0 }
+    }
+
+    /// A point whose footpoint is near that of a neighbour.
+    pub fn beside(goal: DVec3, on_boundary: bool, neighbour: &Self) -> Self {
+        Self {
+            at: neighbour.at,
+            is_known: neighbour.is_known,
+            ..Self::new(goal, on_boundary)
         }
     }
 
@@ -75,14 +100,33 @@ impl Sample {
         self.goal.distance(self.position)
     }
 
-    /// Takes the footpoint along with the surface, once.
+    /// The footpoint as what a search begins with.
+    fn found(&self) -> SurfacePoint {
+        SurfacePoint {
+            parameter: self.at,
+            position: self.position,
+            distance: self.distance(),
+            status: Status::Converged,
+        }
+    }
+
+    /// Takes a settled footpoint along with the surface, once, unless that takes it away from the point: then it is to be tracked after all.
+    fn rests(&mut self, control_points: &[DVec3]) -> bool {
+        let before = self.distance();
+        let was_settled = std::mem::take(&mut self.is_settled);
+        if was_settled {
+            self.follow(control_points);
+        }
+        was_settled && self.distance() <= DRIFT * before
+    }
+
+    /// Takes the footpoint along with the surface.
     fn follow(&mut self, control_points: &[DVec3]) {
         let weighted = self
             .row
             .iter()
             .map(|&(c, w)| w * control_points[c as usize]);
         self.position = weighted.sum();
-        self.is_settled = false;
     }
 
     /// Gives it a footpoint on the surface.
@@ -121,10 +165,14 @@ pub(super) fn update(
 ) -> Result<()> {
     let patches = surface.patches(control_points);
     let closest = ClosestOnLimit::new(device, &patches)?.within(TRACKED);
-    let inner = |s: &Sample| !s.on_boundary && !s.is_settled;
-    let unknown: Vec<DVec3> = samples
-        .iter()
-        .filter(|s| inner(s) && !s.is_known)
+    let resting: Vec<bool> = (samples.par_iter_mut())
+        .map(|s| s.rests(control_points))
+        .collect();
+    let awake = samples.iter_mut().zip(resting);
+    let awake = awake.filter(|(_, rests)| !rests).map(|(s, _)| s);
+    let (mut outer, mut inner): (Vec<_>, Vec<_>) = awake.partition(|s| s.on_boundary);
+    let unknown: Vec<DVec3> = (inner.iter())
+        .filter(|s| !s.is_known)
         .map(|s| s.goal)
         .collect();
     let mut guesses = match unknown.is_empty() {
@@ -132,9 +180,7 @@ pub(super) fn update(
         false => closest.first_guess(device, &unknown)?,
     }
     .into_iter();
-    let queries: Vec<LimitQuery> = samples
-        .iter()
-        .filter(|s| inner(s))
+    let queries: Vec<LimitQuery> = (inner.iter())
         .map(|s| LimitQuery {
             point: s.goal,
             start: match s.is_known {
@@ -144,28 +190,24 @@ pub(super) fn update(
             is_settled: false,
         })
         .collect();
-    let found = closest.track(&queries)?;
-    let mut moving: Vec<&mut Sample> = Vec::with_capacity(found.len());
-    let mut others: Vec<&mut Sample> = Vec::new();
-    for sample in samples {
-        match inner(sample) {
-            true => moving.push(sample),
-            false => others.push(sample),
-        }
+    let found = closest.descend(&queries)?;
+    (inner.par_iter_mut().zip(&found)).for_each(|(s, found)| s.set(found.parameter, &patches));
+    if let Some(curve) = BoundaryCurve::new(&patches)? {
+        outer.par_iter_mut().for_each(|s| curve.project(s));
     }
-    moving
-        .par_iter_mut()
-        .zip(&found)
-        .for_each(|(sample, found)| sample.set(found.parameter, &patches));
-    let curve = BoundaryCurve::new(&patches)?;
-    others.par_iter_mut().for_each(|sample| match &curve {
-        Some(curve) if !sample.is_settled => curve.project(sample),
-        _ => sample.follow(control_points),
-    });
     Ok(())
 }
 
-/// Finds all footpoints by a search of the whole surface.
+/// Keeps the parameters of footpoints, taken over to another surface by [`super::remesh`].
+pub(super) fn carry_over(surface: &LimitSurface, control_points: &[DVec3], samples: &mut [Sample]) {
+    samples.par_iter_mut().for_each(|sample| {
+        surface.weights(sample.at, &mut sample.row);
+        sample.follow(control_points);
+    });
+}
+
+/// Looks whether other places of the surface are nearer than footpoints that are known: from first guesses for all, and for those further than
+/// `exact_beyond` by a search that cannot miss. Distances never grow, so that none is reported too small, and none beyond too large.
 ///
 /// # Errors
 /// Where the device fails.
@@ -174,10 +216,13 @@ pub(super) fn search(
     surface: &LimitSurface,
     control_points: &[DVec3],
     samples: &mut [Sample],
+    exact_beyond: f64,
 ) -> Result<()> {
     let patches = surface.patches(control_points);
-    let goals: Vec<DVec3> = samples.iter().map(|s| s.goal).collect();
-    let closest = ClosestOnLimit::new(device, &patches)?;
+    let closest = ClosestOnLimit::new(device, &patches)?.within(TRACKED);
+    // Points of the boundary have been looked for on all of its curve.
+    let mut inner: Vec<&mut Sample> = samples.iter_mut().filter(|s| !s.on_boundary).collect();
+    let goals: Vec<DVec3> = inner.iter().map(|s| s.goal).collect();
     let guesses = closest.first_guess(device, &goals)?;
     let query = |(&point, start)| LimitQuery {
         point,
@@ -185,17 +230,27 @@ pub(super) fn search(
         is_settled: false,
     };
     let queries: Vec<LimitQuery> = goals.iter().zip(guesses).map(query).collect();
-    // The search begins with a point that is near already, and has little left to look at.
-    let found = closest.search(&goals, &closest.track(&queries)?, SEARCHED)?;
-    let curve = BoundaryCurve::new(&patches)?;
-    samples
-        .par_iter_mut()
-        .zip(&found)
-        .for_each(|(sample, found)| match (&curve, sample.on_boundary) {
-            (Some(curve), true) => curve.project(sample),
-            _ => sample.set(found.parameter, &patches),
-        });
+    take_nearer(&mut inner, &closest.descend(&queries)?, &patches);
+    let mut far: Vec<&mut Sample> = inner
+        .into_iter()
+        .filter(|s| s.distance() > exact_beyond)
+        .collect();
+    let goals: Vec<DVec3> = far.iter().map(|s| s.goal).collect();
+    let known: Vec<SurfacePoint> = far.iter().map(|s| s.found()).collect();
+    take_nearer(
+        &mut far,
+        &closest.search(&goals, &known, SEARCHED)?,
+        &patches,
+    );
     Ok(())
+}
+
+/// Gives samples the points found where they are nearer.
+fn take_nearer(samples: &mut [&mut Sample], found: &[SurfacePoint], patches: &Patches<'_>) {
+    let pairs = samples.par_iter_mut().zip(found);
+    pairs
+        .filter(|(sample, found)| found.distance < sample.distance())
+        .for_each(|(sample, found)| sample.set(found.parameter, patches));
 }
 
 /// The curve that the boundary of a limit surface is.

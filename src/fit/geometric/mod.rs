@@ -7,7 +7,8 @@
 //! **Departures from the paper.** The paper moves each control point by the mean of the error vectors around it ([`Step::Displacement`]). By default linear least
 //! squares on the same footpoints do it ([`Step::LeastSquares`]), in which a distance counts fully along its own direction and little across it, so that
 //! footpoints may slide. Faces are split worst first, none that is within the tolerance, and no more than the mean error asks for at its order of convergence (`ORDER`).
-//! A few peaks that are left are pulled to the tolerance with a large weight. A footpoint that has settled rests for one iteration only: left alone for a
+//! Footpoints are taken along over splits and flips, and a step on them at once undoes most of what those did to the surface. A few peaks that are left become
+//! heavier step by step. A footpoint that has settled rests for one iteration only, and not where that takes it away from its point: left alone for a
 //! whole round, it drifts along the surface, and the fit stands still. Points of the boundary of the data have their
 //! footpoints on the boundary curve of the surface, from which their distances are measured. While there are many more points than control
 //! points need, every second, fourth… is worked with; a full search at the end sees all, and what it finds beyond the tolerance is worked with from then on.
@@ -22,6 +23,7 @@ pub use data::{Data, Start};
 use super::voronoi::{Fit, Iteration, StopReason};
 use crate::device::Device;
 use crate::error::{Error, Result};
+use crate::kernel::sparse::Csr;
 use crate::measure::Figures;
 use crate::mesh::{ControlMesh, Scheme};
 use crate::model::Model;
@@ -29,15 +31,17 @@ use crate::model::limit_surface::LimitSurface;
 use crate::progress::{Event, Progress};
 use footpoints::Sample;
 use std::time::Instant;
-use step::{Equations, Pull, Smoothness};
+use step::Smoothness;
 
 /// Iterations from one split to the next.
 const ROUND: usize = 4;
+/// The same where peaks alone are to be brought down.
+const ROUND_AT_PEAKS: usize = 6;
 
 /// The mean distance falls about as the number of control points to the power of -1 / [`ORDER`]: so many more are split for as it
 /// asks for, within these bounds.
 const ORDER: f64 = 1.3;
-const GROWTH: (f64, f64) = (1.05, 1.5);
+const GROWTH: (f64, f64) = (1.05, 2.5);
 /// New control points that are always allowed.
 const FEWEST: usize = 16;
 
@@ -52,19 +56,21 @@ const LOST: f64 = 3.0;
 /// Data points to a control point that the fit works with between full searches, where there are more.
 const DENSITY: usize = 16;
 
-/// Where the root mean square is under a share of the tolerance, peaks alone keep the largest distance above it: what is beyond another share of it
-/// is pulled to there with so many times the weight.
+/// Where the root mean square is under a share of the tolerance of the largest distance, and the mean nearly within its own, peaks alone are left.
 const PEAKS_FROM: f64 = 0.35;
+const PEAKS_FROM_MEAN: f64 = 1.3;
+
+/// What is beyond a share of the tolerance then counts so many times as much from step to step, at most so much, until it is under so much of that. With
+/// weights that go at once a peak springs back, and with larger ones its neighbours become the next peaks.
 const LIMIT: f64 = 0.9;
-const PENALTY: f64 = 20.0;
+const GAIN: f64 = 2.0;
+const HEAVIEST: f64 = 20.0;
+const EASED: f64 = 0.5;
 
-/// The weight of a point of the boundary: there are few of them.
-const BOUNDARY: f64 = 4.0;
-
-/// The regularizer: enough to hold what no data holds.
+/// The regularizer: enough to hold what no data holds. A sixth of it leaves waves between the points of the bunny, a third more rms from the surface to the scan.
 const SMOOTHNESS: Smoothness = Smoothness {
-    normal: 5e-5,
-    tangential: 1e-4,
+    normal: 3e-4,
+    tangential: 3e-4,
 };
 
 /// How control points move towards the data.
@@ -86,7 +92,7 @@ pub struct Options {
     pub max_error: Option<f64>,
     /// Stop as soon as the mean distance is at most this share of the diagonal.
     pub mean_error: Option<f64>,
-    /// Control points at most; by default half the number of points of the data.
+    /// Control points at most; by default three quarters of the number of points of the data.
     pub max_control_points: Option<usize>,
     /// Iterations at most.
     pub iterations: Option<usize>,
@@ -118,16 +124,23 @@ pub fn fit(
     options: &Options,
     progress: &dyn Progress,
 ) -> Result<Fit> {
+    let surface = LimitSurface::new(&control, Scheme::Loop)?;
+    let mesh = surface.connectivity();
+    let is_open = (0..mesh.edge_count() as u32).any(|e| mesh.is_boundary_edge(e));
+    let on_boundary: Vec<bool> = data.on_boundary.iter().map(|&b| b && is_open).collect();
+    let kept = on_boundary.clone();
     let mut run = Run {
         device,
         data,
         options,
         progress,
-        surface: LimitSurface::new(&control, Scheme::Loop)?,
+        laplacian: step::border_laplacian(surface.connectivity()),
+        surface,
         control,
         samples: Vec::new(),
         indices: Vec::new(),
-        kept: data.on_boundary.clone(),
+        on_boundary,
+        kept,
         iterations: Vec::new(),
         stages: STAGES.map(|name| (name.into(), 0.0)).into(),
         started: Instant::now(),
@@ -175,9 +188,13 @@ struct Run<'a> {
     control: ControlMesh,
     /// Of `control`.
     surface: LimitSurface,
+    /// Of `control`: the rows of the regularizer.
+    laplacian: Csr,
     /// The points of the data that are worked with, and which they are.
     samples: Vec<Sample>,
     indices: Vec<u32>,
+    /// `[points]`: whether it has its footpoint on the boundary of the surface, which may have none.
+    on_boundary: Vec<bool>,
     /// `[points]`: whether it is always worked with: the boundary, and what a full search found too far away.
     kept: Vec<bool>,
     iterations: Vec<Iteration>,
@@ -188,23 +205,15 @@ struct Run<'a> {
 impl Run<'_> {
     /// Iterates until something ends it: what did, and the final errors.
     fn iterate(&mut self) -> Result<(StopReason, Figures)> {
-        let mut equations = Equations::new(&self.surface);
         self.choose_samples(self.stride());
         let mut stall = Stall::default();
         let mut since_split = 0;
         loop {
-            self.timed(CLOSEST, |run| {
-                let points = &run.control.mesh.positions;
-                footpoints::update(run.device, &run.surface, points, &mut run.samples)
-            })?;
+            self.track()?;
             let error = figures(&self.samples);
             self.record(error);
-            if since_split == 1 {
-                let lost = |s: &&mut Sample| s.distance() > LOST * error.rms;
-                self.samples
-                    .iter_mut()
-                    .filter(lost)
-                    .for_each(Sample::forget);
+            if since_split == 0 {
+                self.forget_lost(error);
             }
             if self.options.is_met(error) {
                 let exact = self.search_all()?;
@@ -216,20 +225,40 @@ impl Run<'_> {
                 return Ok((reason, self.search_all()?));
             }
             since_split += 1;
-            if since_split < ROUND {
-                self.timed(SOLVE, |run| run.step(&equations));
+            let round = match self.is_at_peaks(error) {
+                true => ROUND_AT_PEAKS,
+                false => ROUND,
+            };
+            if since_split < round {
+                self.weigh_peaks(error);
+                self.timed(SOLVE, Self::step);
                 continue;
             }
             since_split = 0;
             stall.see(error);
             let refined = self.timed(REMESH, |run| run.refine(error))?;
-            if refined {
-                equations = self.timed(SOLVE, |run| Equations::new(&run.surface));
-            }
             if let Some(reason) = stall.ends(refined, self.options.adapts()) {
                 return Ok((reason, self.search_all()?));
             }
+            // On a new mesh the old footpoints, which know what the surface was to reach, undo most of what splits and flips did to it.
+            self.timed(SOLVE, Self::step);
+            self.choose_samples(self.stride());
         }
+    }
+
+    /// Brings the footpoints up to date.
+    fn track(&mut self) -> Result<()> {
+        self.timed(CLOSEST, |run| {
+            let points = &run.control.mesh.positions;
+            footpoints::update(run.device, &run.surface, points, &mut run.samples)
+        })
+    }
+
+    /// Has footpoints that may be stuck far from the closest point searched for.
+    fn forget_lost(&mut self, error: Figures) {
+        let lost = |s: &&mut Sample| s.distance() > LOST * error.rms;
+        let samples = self.samples.iter_mut();
+        samples.filter(lost).for_each(Sample::forget);
     }
 
     fn timed<T>(&mut self, stage: usize, work: impl FnOnce(&mut Self) -> T) -> T {
@@ -271,21 +300,19 @@ impl Run<'_> {
     }
 
     /// Moves the control points towards the data.
-    fn step(&mut self, equations: &Equations) {
+    fn step(&mut self) {
         match self.options.step {
             Step::Displacement => step::displace(
                 &self.samples,
                 self.surface.connectivity(),
                 &mut self.control.mesh.positions,
             ),
-            Step::LeastSquares => {
-                equations.solve(
-                    &self.samples,
-                    &self.pulls(),
-                    SMOOTHNESS,
-                    &mut self.control.mesh,
-                );
-            }
+            Step::LeastSquares => step::solve(
+                &self.samples,
+                &self.laplacian,
+                SMOOTHNESS,
+                &mut self.control.mesh,
+            ),
         }
     }
 
@@ -295,7 +322,7 @@ impl Run<'_> {
         let count = self.control.mesh.positions.len();
         let wanted = (self.growth(error) * count as f64) as usize;
         let most = self.options.max_control_points;
-        let most = most.unwrap_or(self.data.points.len() / 2);
+        let most = most.unwrap_or(3 * self.data.points.len() / 4);
         let most = most.min(wanted.max(count + FEWEST));
         if !remesh::refine(&mut self.control, &errors, most, &mut self.samples)? {
             // What has settled is looked at again once in a round.
@@ -303,7 +330,12 @@ impl Run<'_> {
             return Ok(false);
         }
         self.surface = LimitSurface::new(&self.control, Scheme::Loop)?;
-        self.choose_samples(self.stride());
+        self.laplacian = step::border_laplacian(self.surface.connectivity());
+        footpoints::carry_over(
+            &self.surface,
+            &self.control.mesh.positions,
+            &mut self.samples,
+        );
         Ok(true)
     }
 
@@ -315,40 +347,43 @@ impl Run<'_> {
         ratio.powf(ORDER).clamp(GROWTH.0, GROWTH.1)
     }
 
-    /// What the samples pull with: one-sided penalties on peaks beside the least squares.
-    fn pulls(&self) -> Vec<Pull> {
-        let limit = match self.options.max_error {
-            Some(tolerance) if figures(&self.samples).rms < PEAKS_FROM * tolerance => {
-                LIMIT * tolerance
-            }
-            _ => f64::INFINITY,
+    /// Whether peaks alone keep the largest distance above the tolerance.
+    fn is_at_peaks(&self, error: Figures) -> bool {
+        let Options {
+            max_error,
+            mean_error,
+            ..
+        } = *self.options;
+        max_error.is_some_and(|t| error.rms < PEAKS_FROM * t)
+            && mean_error.is_none_or(|t| error.mean < PEAKS_FROM_MEAN * t)
+    }
+
+    /// Makes peaks heavier, and what has come down from them lighter again.
+    fn weigh_peaks(&mut self, error: Figures) {
+        let Some(limit) = self.options.max_error.map(|t| LIMIT * t) else {
+            return;
         };
-        let pull = |sample: &Sample| {
-            let weight = if sample.on_boundary { BOUNDARY } else { 1.0 };
+        if !self.is_at_peaks(error) {
+            return;
+        }
+        for sample in &mut self.samples {
             let distance = sample.distance();
-            if distance <= limit {
-                let goal = sample.goal;
-                return Pull { weight, goal };
+            if distance > limit {
+                sample.weight = (sample.weight * GAIN).min(HEAVIEST);
+            } else if distance < EASED * limit {
+                sample.weight = (sample.weight / GAIN).max(sample.least_weight());
             }
-            // Of one pull to the goal and a strong one to the limit before it, the sum.
-            let back = PENALTY / (1.0 + PENALTY) * limit / distance;
-            Pull {
-                weight: weight * (1.0 + PENALTY),
-                goal: sample.goal.lerp(sample.position, back),
-            }
-        };
-        self.samples.iter().map(pull).collect()
+        }
     }
 
     /// `[faces]`: errors in tolerances, the largest distance's or the mean's where that is not met yet; 0 without any.
     fn face_errors(&self, error: Figures) -> Vec<f64> {
-        let mut faces = vec![(0.0f64, 0.0, 0usize); self.control.mesh.face_count()];
+        let mut faces = vec![(0.0f64, 0.0); self.control.mesh.face_count()];
         for sample in &self.samples {
-            let (max, sum, count) = &mut faces[sample.at.face as usize];
+            let (max, sum) = &mut faces[sample.at.face as usize];
             let distance = sample.distance();
             *max = max.max(distance);
             *sum += distance;
-            *count += 1;
         }
         let Options {
             max_error,
@@ -356,9 +391,10 @@ impl Run<'_> {
             ..
         } = *self.options;
         let mean_error = mean_error.filter(|&t| error.mean > t);
-        let ratio = |&(max, sum, count): &(f64, f64, usize)| {
-            let mean = sum / count.max(1) as f64;
-            in_tolerances(max, max_error).max(in_tolerances(mean, mean_error))
+        // A face may have as much of the sum of distances as every other: that is what fewest faces reach a mean with.
+        let samples_to_a_face = self.samples.len() as f64 / faces.len() as f64;
+        let ratio = |&(max, sum): &(f64, f64)| {
+            in_tolerances(max, max_error).max(in_tolerances(sum / samples_to_a_face, mean_error))
         };
         faces.iter().map(ratio).collect()
     }
@@ -370,19 +406,33 @@ impl Run<'_> {
         1 << ratio.ilog2()
     }
 
-    /// Works with every `stride`-th point, and with those that are kept; what is known of footpoints stays known.
+    /// Works with every `stride`-th point, and with those that are kept; what is known of footpoints stays known, and new points begin from those of
+    /// neighbours.
     fn choose_samples(&mut self, stride: usize) {
-        let mut known = self
-            .indices
-            .drain(..)
-            .zip(self.samples.drain(..))
-            .peekable();
+        let known = std::mem::take(&mut self.samples);
+        let mut known = self.indices.drain(..).zip(known).peekable();
         let (mut indices, mut samples) = (Vec::new(), Vec::new());
-        for (i, &goal) in self.data.points.iter().enumerate() {
+        let mut last: Option<Sample> = None;
+        for (i, (&goal, &on_boundary)) in
+            (self.data.points.iter()).zip(&self.on_boundary).enumerate()
+        {
             let old = known.next_if(|(k, _)| *k as usize == i).map(|k| k.1);
+            let is_new = old.is_none();
             if self.kept[i] || i.is_multiple_of(stride) {
+                let neighbours = last.iter().chain(known.peek().map(|k| &k.1));
+                let nearest = neighbours.min_by(|a, b| {
+                    let distance = |s: &Sample| s.goal.distance_squared(goal);
+                    distance(a).total_cmp(&distance(b))
+                });
+                let begin = || match nearest {
+                    Some(nearest) => Sample::beside(goal, on_boundary, nearest),
+                    None => Sample::new(goal, on_boundary),
+                };
                 indices.push(i as u32);
-                samples.push(old.unwrap_or_else(|| Sample::new(goal, self.data.on_boundary[i])));
+                samples.push(old.clone().unwrap_or_else(begin));
+            }
+            if !is_new {
+                last = old;
             }
         }
         drop(known);
@@ -392,23 +442,28 @@ impl Run<'_> {
     /// The errors of all the data by a full search. Points that are beyond a tolerance are worked with from now on; where it is the mean
     /// that fails, all are.
     fn search_all(&mut self) -> Result<Figures> {
+        self.choose_samples(1);
+        self.track()?;
+        let rms = figures(&self.samples).rms;
         self.timed(SEARCH, |run| {
-            let points = run.data.points.iter().zip(&run.data.on_boundary);
-            let mut all: Vec<Sample> = points.map(|(&p, &b)| Sample::new(p, b)).collect();
-            let control_points = &run.control.mesh.positions;
-            footpoints::search(run.device, &run.surface, control_points, &mut all)?;
-            let tolerance = run.options.max_error.unwrap_or(f64::INFINITY);
-            for (kept, sample) in run.kept.iter_mut().zip(&all) {
-                *kept |= sample.distance() > tolerance;
-            }
-            let exact = figures(&all);
-            let only_mean = exact.max <= tolerance;
-            run.choose_samples(if only_mean { 1 } else { run.stride() });
-            for (&i, sample) in run.indices.iter().zip(&mut run.samples) {
-                sample.clone_from(&all[i as usize]);
-            }
-            Ok(exact)
-        })
+            let points = &run.control.mesh.positions;
+            footpoints::search(
+                run.device,
+                &run.surface,
+                points,
+                &mut run.samples,
+                LOST * rms,
+            )
+        })?;
+        let exact = figures(&self.samples);
+        let tolerance = self.options.max_error.unwrap_or(f64::INFINITY);
+        for (kept, sample) in self.kept.iter_mut().zip(&self.samples) {
+            *kept |= sample.distance() > LIMIT * tolerance;
+        }
+        if exact.max > tolerance {
+            self.choose_samples(self.stride());
+        }
+        Ok(exact)
     }
 }
 

@@ -4,12 +4,12 @@ use super::footpoints::Sample;
 use crate::error::Result;
 use crate::mesh::{Connectivity, ControlMesh, Scheme};
 use crate::model::{self, limit_surface::SurfaceParameter};
-use crate::topology::{self, flip_for_angles, flip_for_valence, split::closure};
+use crate::topology::{self, Flip, flip_for_angles, flip_for_valence, split::closure};
 use glam::DVec2;
 
 /// Splits faces whose error, in tolerances, is above 1, worst first, to at most `most` control points; then flips edges.
 ///
-/// `errors`: `[faces]`. The samples' footpoints are taken along; those in faces that were flipped begin from the middle. Returns whether anything was split.
+/// `errors`: `[faces]`. The samples' footpoints are taken along. Returns whether anything was split.
 ///
 /// # Errors
 /// Where the mesh is no oriented manifold of triangles.
@@ -26,26 +26,40 @@ pub(super) fn refine(
     }
     let subdivided = model::subdivide(control, Scheme::Loop)?.mesh.positions;
     let mut split = topology::split(control, &marked, &subdivided)?;
-    let mut flipped = vec![false; split.control.mesh.face_count()];
-    let valence = flip_for_valence(&mut split.control)?;
-    let angles = flip_for_angles(&mut split.control)?;
-    for f in valence.into_iter().chain(angles) {
-        flipped[f as usize] = true;
-    }
-    for sample in samples {
-        let (face, at) = split.locate(sample.at.face, DVec2::new(sample.at.u, sample.at.v));
-        // A flipped face is one of the same two, turned: its middle is near.
-        let at = if flipped[face as usize] {
-            DVec2::splat(1.0 / 3.0)
-        } else {
-            at
-        };
-        let (u, v) = (at.x, at.y);
-        sample.at = SurfaceParameter { face, u, v };
+    let mut flips = flip_for_valence(&mut split.control)?;
+    flips.extend(flip_for_angles(&mut split.control)?);
+    for sample in samples.iter_mut() {
+        move_to(sample, split.locate(sample.at.face, parameters(sample)));
         sample.is_settled = false;
     }
+    follow(&flips, split.control.mesh.face_count(), samples);
     *control = split.control;
     Ok(true)
+}
+
+fn parameters(sample: &Sample) -> DVec2 {
+    DVec2::new(sample.at.u, sample.at.v)
+}
+
+fn move_to(sample: &mut Sample, (face, at): (u32, DVec2)) {
+    let (u, v) = (at.x, at.y);
+    sample.at = SurfaceParameter { face, u, v };
+}
+
+/// Takes samples along with the flips of the faces that they are in.
+fn follow(flips: &[Flip], faces: usize, samples: &mut [Sample]) {
+    let mut within = vec![Vec::new(); faces];
+    for (k, sample) in samples.iter().enumerate() {
+        within[sample.at.face as usize].push(k);
+    }
+    for flip in flips {
+        let inside = flip.faces.map(|f| std::mem::take(&mut within[f as usize]));
+        for k in inside.into_iter().flatten() {
+            let sample = &mut samples[k];
+            move_to(sample, flip.locate(sample.at.face, parameters(sample)));
+            within[sample.at.face as usize].push(k);
+        }
+    }
 }
 
 /// The faces to split.

@@ -2,17 +2,19 @@
 
 use super::footpoints::Sample;
 use crate::energy::laplacian;
-use crate::fit::normal_equations::{Pattern, Share, split};
+use crate::fit::normal_equations::{conjugate_gradients, inverse_block};
+use crate::fit::symmetric::Symmetric3;
 use crate::kernel::sparse::Csr;
 use crate::mesh::{Connectivity, PolygonMesh};
-use crate::model::limit_surface::{LimitSurface, SurfaceParameter};
+use crate::model::limit_surface::SurfaceParameter;
 use glam::{DMat3, DVec3};
+use rayon::prelude::*;
 
 /// μ: what a tangential distance counts against a normal one.
-const SLIDING: f64 = 0.01;
+const SLIDING: f64 = 0.003;
 
 /// The relative residual of the linear solves.
-const TOLERANCE: f64 = 1e-2;
+const TOLERANCE: f64 = 0.03;
 
 /// The weights of the normal and tangential part of the regularizer, the mean squared Laplacian of the control mesh, against the mean squared
 /// distance.
@@ -42,147 +44,63 @@ pub(super) fn displace(samples: &[Sample], mesh: &Connectivity, control_points: 
     }
 }
 
-/// What a sample asks for in the least squares.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Pull {
-    pub weight: f64,
-    /// Where its footpoint is to go.
-    pub goal: DVec3,
-}
-
-/// Linear least squares on the same footpoints; made once for a control mesh.
-pub(super) struct Equations {
-    pattern: Pattern,
-    laplacian: Csr,
-    /// `[faces]`: the vertices whose rows of the regularizer it adds.
-    owned: Vec<Vec<u32>>,
-}
-
-impl Equations {
-    /// Analyses a surface.
-    pub fn new(surface: &LimitSurface) -> Self {
-        let mesh = surface.connectivity();
-        let laplacian = border_laplacian(mesh);
-        let mut owned = vec![Vec::new(); mesh.face_count()];
-        for v in 0..mesh.vertex_count() as u32 {
-            if let Some(h) = mesh.around(v).next() {
-                owned[mesh.face_of(h) as usize].push(v);
-            }
-        }
-        let mut row = Vec::new();
-        let supports = (0..mesh.face_count())
-            .map(|f| {
-                let mut support: Vec<u32> = Vec::new();
-                // The interior of each quarter sees all the control points that the quarter does.
-                for (u, v) in [(0.2, 0.2), (0.6, 0.2), (0.2, 0.6), (0.3, 0.3)] {
-                    let face = f as u32;
-                    surface.weights(SurfaceParameter { face, u, v }, &mut row);
-                    support.extend(row.iter().map(|e| e.0));
-                }
-                for &v in &owned[f] {
-                    support.extend(laplacian.row(v as usize).map(|e| e.0));
-                }
-                support.sort_unstable();
-                support.dedup();
-                support
-            })
-            .collect();
-        Self {
-            pattern: Pattern::new(supports, mesh.vertex_count()),
-            laplacian,
-            owned,
-        }
-    }
-
-    /// Moves the control points of `control` to the minimum. `pulls`: `[samples]`.
-    pub fn solve(
-        &self,
-        samples: &[Sample],
-        pulls: &[Pull],
-        smoothness: Smoothness,
-        control: &mut PolygonMesh,
-    ) {
-        let (starts, order) = by_face(samples, self.owned.len());
-        let normals = vertex_normals(control);
-        let share = 1.0 / pulls.iter().map(|p| p.weight).sum::<f64>();
-        let smooth_share = 1.0 / normals.len() as f64;
-        let system = self.pattern.assemble(|face| -> Share {
-            let support = self.pattern.support(face);
-            let n = support.len();
-            let mut blocks = vec![DMat3::ZERO; n * n];
-            let mut right = vec![DVec3::ZERO; n];
-            let mut add = |row: &[(usize, f64)], metric: DMat3, goal: DVec3| {
-                for (k, &(i, a)) in row.iter().enumerate() {
-                    let scaled = metric * a;
-                    right[i] += scaled * goal;
-                    for &(j, b) in &row[k..] {
-                        blocks[i * n + j] += scaled * b;
-                    }
-                }
-            };
-            let mut local = Vec::with_capacity(n);
-            for &k in &order[starts[face] as usize..starts[face + 1] as usize] {
-                let sample = &samples[k as usize];
-                into_local(support, sample.row.iter().copied(), &mut local);
-                let metric = match sample.on_boundary {
-                    true => split(sample.direction, SLIDING, 1.0),
-                    false => split(sample.direction, 1.0, SLIDING),
-                };
-                let pull = &pulls[k as usize];
-                add(&local, metric * (share * pull.weight), pull.goal);
-            }
-            for &v in &self.owned[face] {
-                into_local(support, self.laplacian.row(v as usize), &mut local);
-                let metric = split(
-                    normals[v as usize],
-                    smoothness.normal,
-                    smoothness.tangential,
-                );
-                add(&local, metric * smooth_share, DVec3::ZERO);
-            }
-            (blocks, right)
-        });
-        system.conjugate_gradients(&mut control.positions, TOLERANCE);
-    }
-}
-
-/// A row's entries by their places in a support; both ascending.
-fn into_local(
-    support: &[u32],
-    row: impl Iterator<Item = (u32, f64)>,
-    local: &mut Vec<(usize, f64)>,
+/// Moves the control points to the least squares of the weighted distances of the footpoints from the data, with the regularizer.
+///
+/// A row of the matrix is the combination of control points that a footpoint is, or a row of `laplacian`
+/// ([`border_laplacian`]), and counts by a 3×3 metric. Conjugate gradients multiply with the matrix and its transpose: with a few rows for
+/// each control point that takes less than to assemble the normal equations.
+pub(super) fn solve(
+    samples: &[Sample],
+    laplacian: &Csr,
+    smoothness: Smoothness,
+    control: &mut PolygonMesh,
 ) {
-    local.clear();
-    let mut place = 0;
-    for (control, weight) in row {
-        while support[place] != control {
-            place += 1;
-        }
-        local.push((place, weight));
-    }
-}
-
-/// The samples sorted by the faces of their footpoints, in their own order within one: where each face begins, and the samples.
-fn by_face(samples: &[Sample], faces: usize) -> (Vec<u32>, Vec<u32>) {
-    let mut starts = vec![0u32; faces + 1];
-    for sample in samples {
-        starts[sample.at.face as usize + 1] += 1;
-    }
-    for k in 0..faces {
-        starts[k + 1] += starts[k];
-    }
-    let mut next = starts.clone();
-    let mut order = vec![0; samples.len()];
-    for (k, sample) in samples.iter().enumerate() {
-        let slot = &mut next[sample.at.face as usize];
-        order[*slot as usize] = k as u32;
-        *slot += 1;
-    }
-    (starts, order)
+    let control_points = control.positions.len();
+    let rows = Csr::build(
+        samples.len() + control_points,
+        control_points,
+        |r, row| match samples.get(r) {
+            Some(sample) => row.extend_from_slice(&sample.row),
+            None => row.extend(laplacian.row(r - samples.len())),
+        },
+    );
+    let share = 1.0 / samples.len().max(1) as f64;
+    let smooth_share = 1.0 / control_points as f64;
+    let distances = samples.iter().map(|sample| {
+        let metric = match sample.on_boundary {
+            true => Symmetric3::split(sample.direction, SLIDING, 1.0),
+            false => Symmetric3::split(sample.direction, 1.0, SLIDING),
+        };
+        metric * (share * sample.weight)
+    });
+    let normals = vertex_normals(control);
+    let bends = normals
+        .iter()
+        .map(|n| Symmetric3::split(*n, smoothness.normal, smoothness.tangential) * smooth_share);
+    let metrics: Vec<Symmetric3> = distances.chain(bends).collect();
+    let columns = rows.transpose();
+    let weigh = |v: Vec<DVec3>| -> Vec<DVec3> {
+        let pairs = v.into_par_iter().zip(&metrics).with_min_len(1024);
+        pairs.map(|(v, metric)| *metric * v).collect()
+    };
+    let mut goals: Vec<DVec3> = samples.iter().map(|s| s.goal).collect();
+    goals.resize(metrics.len(), DVec3::ZERO);
+    let right = columns.apply(&weigh(goals));
+    let diagonal: Vec<DMat3> = (0..control_points)
+        .into_par_iter()
+        .map(|c| {
+            let entries = columns.row(c);
+            let sum = |sum, (r, w): (u32, f64)| sum + metrics[r as usize] * (w * w);
+            let block = entries.fold(Symmetric3::ZERO, sum);
+            inverse_block(&block.matrix())
+        })
+        .collect();
+    let apply = |x: &[DVec3]| columns.apply(&weigh(rows.apply(x)));
+    conjugate_gradients(apply, &diagonal, &right, &mut control.positions, TOLERANCE);
 }
 
 /// The random-walk Laplacian, on the boundary that of the boundary alone.
-fn border_laplacian(mesh: &Connectivity) -> Csr {
+pub(super) fn border_laplacian(mesh: &Connectivity) -> Csr {
     let inner = laplacian(mesh);
     Csr::build(inner.row_count(), inner.column_count, |v, row| {
         let v = v as u32;

@@ -1,21 +1,24 @@
 //! The distortion of all elements of a volume as a function of its coefficients, and its stiffness.
 
 use super::stiffness::Stiffness;
+use crate::device::Device;
 use crate::energy::element_tables;
 use crate::error::Result;
 use crate::geometry::distortion::Distortion;
-use crate::kernel::element_energy::{self, ElementBatch};
+use crate::kernel::element_energy::{ElementBatch, ElementEnergy, ElementOutput};
 use crate::kernel::sparse::Csr;
 use crate::model::element::{Quadrature, Rule, Tables, reference_volume};
 use crate::model::volume::CurvedVolume;
 use glam::DVec3;
 use rayon::prelude::*;
+use std::cell::RefCell;
 use std::cmp::Ordering;
 use std::sync::Arc;
 
 /// E_Ω of a volume of fixed orders.
 pub(super) struct Interior {
-    batches: Vec<ElementBatch>,
+    /// On the device; its buffers are written in every evaluation.
+    elements: RefCell<ElementEnergy>,
     /// `[batches]`.
     stiffness: Vec<Stiffness>,
     /// `[elements]`, batch by batch: the cells that they are.
@@ -38,8 +41,9 @@ impl Interior {
     /// Of elements whose ideal shapes have edges of length `sizes`, `[cells]`.
     ///
     /// # Errors
-    /// As [`element_tables`].
+    /// As [`element_tables`], and where the device has no room.
     pub fn new(
+        device: &Device,
         volume: &CurvedVolume,
         sizes: &[f64],
         rule: Rule,
@@ -72,7 +76,7 @@ impl Interior {
         }
         let gather = volume.gather(&cells);
         Ok(Self {
-            batches,
+            elements: RefCell::new(ElementEnergy::new(device, batches)?),
             stiffness,
             cells,
             scatter: gather.transpose(),
@@ -82,26 +86,36 @@ impl Interior {
     }
 
     /// E_Ω and its gradient.
-    pub fn evaluate(&self, coefficients: &[DVec3]) -> Distorted {
-        let local = self.gather.apply(coefficients);
-        let output = element_energy::cpu(&self.batches, &local, self.distortion);
-        Distorted {
+    ///
+    /// # Errors
+    /// Where the device fails.
+    pub fn evaluate(&self, coefficients: &[DVec3]) -> Result<Distorted> {
+        let output = self.output(coefficients)?;
+        Ok(Distorted {
             value: output.energy(),
             gradient: self.scatter.apply(&output.gradient),
-        }
+        })
+    }
+
+    fn output(&self, coefficients: &[DVec3]) -> Result<ElementOutput> {
+        let local = self.gather.apply(coefficients);
+        let mut elements = self.elements.borrow_mut();
+        elements.evaluate(&local, self.distortion)
     }
 
     /// The cells that are inverted at a quadrature point, ascending.
-    pub fn inverted(&self, coefficients: &[DVec3]) -> Vec<u32> {
-        let local = self.gather.apply(coefficients);
-        let output = element_energy::cpu(&self.batches, &local, self.distortion);
+    ///
+    /// # Errors
+    /// Where the device fails.
+    pub fn inverted(&self, coefficients: &[DVec3]) -> Result<Vec<u32>> {
+        let output = self.output(coefficients)?;
         let pairs = self.cells.iter().zip(&output.energies);
         let mut cells: Vec<u32> = pairs
             .filter(|(_, e)| !e.is_finite())
             .map(|p| *p.0)
             .collect();
         cells.sort_unstable();
-        cells
+        Ok(cells)
     }
 
     /// K_ii of every coefficient, weighted as in E_Ω. On the top of a prism, where modes are rotated, without the mixed terms.
@@ -155,7 +169,8 @@ impl Interior {
         let local = self.gather.apply(coefficients);
         let mut first = 0;
         let mut results = Vec::with_capacity(self.cells.len());
-        for (batch, stiffness) in self.batches.iter().zip(&self.stiffness) {
+        let elements = self.elements.borrow();
+        for (batch, stiffness) in elements.batches().iter().zip(&self.stiffness) {
             let part = &local[first..first + batch.coefficients()];
             first += batch.coefficients();
             results.par_extend(

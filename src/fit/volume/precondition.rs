@@ -1,8 +1,9 @@
 //! What is known of the curvature of the objective: the second derivatives of λ E_Ω near a rigid map, and those of E_S.
 //!
-//! H ≈ λ K(x) I + (2/(A L²)) Σ w n nᵀ B Bᵀ, K the stiffness matrix at the present shape. Its 3 × 3 blocks on the diagonal are
-//! cheap and serve everywhere; what matters in them is that they tell the normal of S from the tangents. Where the unknowns
-//! are few, all of H is factored: then a minimization takes a handful of iterations where it would take a hundred.
+//! H ≈ λ K(x) I + (2/(A L²)) Σ w n nᵀ B Bᵀ, K the stiffness matrix at the present shape, and what is known of the barrier on the elements
+//! that it holds ([`super::barrier`]). Its 3 × 3 blocks on the diagonal are cheap and serve everywhere; what matters in them is that they
+//! tell the normal of S from the tangents. Where the unknowns are few, all of H is factored: then a minimization takes a handful of
+//! iterations where it would take a hundred.
 
 use crate::optimize::cholesky::{Cholesky, LowerTriangle};
 use glam::{DMat3, DVec3};

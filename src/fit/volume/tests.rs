@@ -1,3 +1,4 @@
+use super::barrier::{Guard, Watch};
 use super::correspondence::{Correspondences, Goal};
 use super::interior::Interior;
 use super::precondition::Inverse;
@@ -78,10 +79,17 @@ fn with_ball(volume: &CurvedVolume) -> Correspondences {
 fn the_gradient_of_the_whole_energy_is_right() {
     let volume = shaken(&mixed(), 3);
     let sizes = vec![0.9; volume.cell_count()];
-    let interior = Interior::new(&volume, &sizes, Rule::Gauss, Distortion::Strain).unwrap();
+    let interior = Interior::new(
+        &Device::Cpu,
+        &volume,
+        &sizes,
+        Rule::Gauss,
+        Distortion::Strain,
+    )
+    .unwrap();
     let surface = with_ball(&volume);
     let energy = |x: &[DVec3]| {
-        let inside = interior.evaluate(x);
+        let inside = interior.evaluate(x).unwrap();
         let (parts, gradient) = surface.evaluate(x);
         let sum = gradient.iter().zip(&inside.gradient);
         let gradient: Vec<DVec3> = sum.map(|(s, d)| *s + 0.3 * *d).collect();
@@ -155,11 +163,82 @@ fn the_barrier_bounds_determinants_and_has_the_right_gradient() {
 }
 
 #[test]
+fn the_curvature_of_the_barrier_is_exact_where_coefficients_are_linear() {
+    // The thickness of a flat box is a factor of all its determinants.
+    let mesh = grid(DVec3::ZERO, DVec3::new(1.0, 1.0, 0.1), [2, 1, 1]);
+    let volume = CurvedVolume::new(&mesh, Basis::Legendre).unwrap();
+    let x = &volume.coefficients;
+    let watch = Watch::new(&volume, &[1.0; 2], &[0, 1]).unwrap();
+    let thicker: Vec<DVec3> = x.iter().map(|p| DVec3::Z * p.z).collect();
+    let value = |step: f64| watch.evaluate(&moved(x, &thicker, step)).0;
+    let step = 1e-3;
+    let second = (value(step) - 2.0 * value(0.0) + value(-step)) / (step * step);
+    let blocks = watch.blocks(x);
+    let known: f64 = blocks
+        .iter()
+        .map(|&(i, j, block)| {
+            let (i, j) = (i as usize, j as usize);
+            let times = if i == j { 1.0 } else { 2.0 };
+            times * thicker[i].dot(block * thicker[j])
+        })
+        .sum();
+    assert!(
+        known > 0.0 && (known - second).abs() < 1e-4 * second,
+        "{known} {second}"
+    );
+    let mut diagonal = vec![DMat3::ZERO; x.len()];
+    let alone = blocks.iter().filter(|b| b.0 == b.1);
+    alone.for_each(|&(i, _, block)| diagonal[i as usize] += block);
+    for (a, b) in diagonal.iter().zip(watch.diagonal(x)) {
+        assert!(a.abs_diff_eq(b, 1e-12 * second));
+    }
+}
+
+#[test]
+fn elements_that_are_lost_go_back_alone_and_are_watched() {
+    let mesh = grid(DVec3::ZERO, DVec3::new(6.0, 1.0, 1.0), [6, 1, 1]);
+    let mut volume = CurvedVolume::new(&mesh, Basis::Legendre).unwrap();
+    let sizes = [1.0; 6];
+    let interior = Interior::new(
+        &Device::Cpu,
+        &volume,
+        &sizes,
+        Rule::Gauss,
+        Distortion::Strain,
+    )
+    .unwrap();
+    let mut guard = Guard::new(&volume, &sizes, &[4]).unwrap();
+    let before = volume.coefficients.clone();
+    // All are moved, and the first is turned inside out.
+    for x in &mut volume.coefficients {
+        if x.x == 0.0 {
+            x.x = 2.0;
+        }
+        x.y += 0.1;
+    }
+    assert!(guard.settle(&mut volume, &before, &interior).unwrap());
+    assert_eq!(guard.watched(), [0, 4]);
+    for (after, before) in volume.coefficients.iter().zip(&before) {
+        let moved = if before.x < 1.5 { 0.0 } else { 0.1 };
+        assert_eq!(*after, *before + DVec3::Y * moved);
+    }
+    let before = volume.coefficients.clone();
+    assert!(!guard.settle(&mut volume, &before, &interior).unwrap());
+}
+
+#[test]
 fn stiffness_knows_constants_and_coordinates() {
     for order in [1, 2, 4] {
         let volume = shaken(&mixed(), order);
         let sizes = vec![1.0; 3];
-        let interior = Interior::new(&volume, &sizes, Rule::Gauss, Distortion::Strain).unwrap();
+        let interior = Interior::new(
+            &Device::Cpu,
+            &volume,
+            &sizes,
+            Rule::Gauss,
+            Distortion::Strain,
+        )
+        .unwrap();
         let x = &volume.coefficients;
         let entries = interior.stiffness_entries(x);
         let quadratic = |u: &dyn Fn(usize) -> f64| -> f64 {
@@ -209,7 +288,14 @@ fn factored_sums_give_the_diagonal_of_the_matrix() {
 fn preconditioners_are_positive_definite_and_the_factor_is_exact() {
     let volume = shaken(&mixed(), 3);
     let x = &volume.coefficients;
-    let interior = Interior::new(&volume, &[1.0; 3], Rule::Gauss, Distortion::Strain).unwrap();
+    let interior = Interior::new(
+        &Device::Cpu,
+        &volume,
+        &[1.0; 3],
+        Rule::Gauss,
+        Distortion::Strain,
+    )
+    .unwrap();
     let surface = with_ball(&volume);
     let entries = interior.stiffness_entries(x);
     let factor = Inverse::factored(

@@ -92,6 +92,11 @@ impl Lanes {
         }
     }
 
+    /// The element of a lane.
+    pub(crate) fn element(&self, lane: usize) -> usize {
+        self.elements[lane]
+    }
+
     /// det A⁻¹.
     pub(crate) fn inverse_determinants(&self) -> [f64; LANES] {
         std::array::from_fn(|l| {

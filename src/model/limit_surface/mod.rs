@@ -33,6 +33,7 @@ use crate::mesh::{Connectivity, ControlMesh, Scheme};
 use control::Control;
 use glam::{DMat2, DVec2, DVec3};
 use irregular::Irregular;
+use rayon::prelude::*;
 use ring::Sector;
 use std::collections::HashMap;
 
@@ -119,6 +120,9 @@ struct Quarter {
 /// No irregular corner.
 const REGULAR: u32 = u32::MAX;
 
+/// Faces that one task looks around.
+const FACES_PER_TASK: usize = 256;
+
 /// The limit surface of a control mesh, whatever its control points.
 #[derive(Debug, Clone)]
 pub struct LimitSurface {
@@ -143,10 +147,7 @@ impl LimitSurface {
         let level = Level::of(control, scheme)?;
         check(&level, scheme)?;
         let (finer, refinement) = level.refine();
-        let mut builder = Builder::default();
-        for f in 0..finer.connectivity.face_count() {
-            builder.push(&finer, f)?;
-        }
+        let builder = Builder::of(&finer)?;
         let matrix = append_ghosts(refinement, &builder.ghosts);
         Ok(Self {
             split: level.split,
@@ -282,35 +283,65 @@ struct Builder {
 }
 
 impl Builder {
-    /// Appends face `f` of the refined mesh.
-    fn push(&mut self, level: &Level, f: usize) -> Result<()> {
-        let first = self.indices.len() as u32;
-        let mut table = REGULAR;
-        if let Some(sector) = ring::irregular_sector(level, f) {
-            table = match self.known.get(&sector) {
-                Some(&table) => table,
-                None => {
-                    self.tables.push(Irregular::new(level.split, sector)?);
-                    let table = self.tables.len() as u32 - 1;
-                    self.known.insert(sector, table);
-                    table
-                }
-            };
-            self.indices.extend(ring::irregular_points(level, f));
-        } else {
-            for point in ring::regular_points(level, f) {
-                let index = match point {
-                    ring::Point::Vertex(v) => v,
-                    ring::Point::Ghost(row) => {
-                        self.ghosts.push(row);
-                        (level.connectivity.vertex_count() + self.ghosts.len() - 1) as u32
-                    }
-                };
-                self.indices.push(index);
-            }
+    /// Of the faces of the refined mesh.
+    fn of(level: &Level) -> Result<Self> {
+        let faces: Vec<Surroundings> = (0..level.connectivity.face_count())
+            .into_par_iter()
+            .with_min_len(FACES_PER_TASK)
+            .map(|f| Surroundings::of(level, f))
+            .collect();
+        let mut builder = Self::default();
+        let mut sectors = Vec::new();
+        for face in faces {
+            builder.push(level.connectivity.vertex_count(), face, &mut sectors);
         }
+        builder.tables = sectors
+            .into_par_iter()
+            .map(|sector| Irregular::new(level.split, sector))
+            .collect::<Result<_>>()?;
+        Ok(builder)
+    }
+
+    /// Appends a face of a mesh with so many vertices. `sectors`: those that a table is to be made of.
+    fn push(&mut self, vertices: usize, face: Surroundings, sectors: &mut Vec<Sector>) {
+        let first = self.indices.len() as u32;
+        let table = match face {
+            Surroundings::Irregular(sector, points) => {
+                self.indices.extend(points);
+                *self.known.entry(sector).or_insert_with(|| {
+                    sectors.push(sector);
+                    sectors.len() as u32 - 1
+                })
+            }
+            Surroundings::Regular(points) => {
+                for point in points {
+                    self.indices.push(match point {
+                        ring::Point::Vertex(v) => v,
+                        ring::Point::Ghost(row) => {
+                            self.ghosts.push(row);
+                            (vertices + self.ghosts.len() - 1) as u32
+                        }
+                    });
+                }
+                REGULAR
+            }
+        };
         self.quarters.push(Quarter { first, table });
-        Ok(())
+    }
+}
+
+/// What acts on a face of the refined mesh.
+enum Surroundings {
+    Irregular(Sector, Vec<u32>),
+    Regular(Vec<ring::Point>),
+}
+
+impl Surroundings {
+    fn of(level: &Level, f: usize) -> Self {
+        match ring::irregular_sector(level, f) {
+            Some(sector) => Self::Irregular(sector, ring::irregular_points(level, f)),
+            None => Self::Regular(ring::regular_points(level, f)),
+        }
     }
 }
 

@@ -1,0 +1,99 @@
+//! A surface from a cloud of points: what Voronoi squared distances need, and templates.
+//!
+//! Normals are estimated and turned outwards (`normals`), unless the cloud has some. Each point then becomes a small triangle across its normal that
+//! stands for its share of the surface, and what these triangles go around is inside, by their winding numbers as of any soup ([`crate::template::skin`]).
+//! That surface is moved onto the points by moving least squares (`mls`), and what no point is near to is left open: a hole of the scan,
+//! which a fit bridges and reports apart.
+
+mod mls;
+mod neighbours;
+mod normals;
+
+use crate::error::{Error, Result};
+use crate::mesh::weld::equal_positions;
+use crate::mesh::{Frame, PointCloud, TriangleMesh};
+use crate::template;
+use glam::DVec3;
+use neighbours::Neighbours;
+
+/// The least cell of the grid, in mean spacings of the points: between points that are further apart there is no inside and outside.
+const CELL: f64 = 0.5;
+/// What is farther from all points than so many of their spacings is open.
+const OPEN: f64 = 3.0;
+/// The fewest points that can be told from noise.
+const FEWEST: usize = 50;
+
+/// The surface of a cloud of points, in its coordinates: triangles, open where there are no points.
+///
+/// Normals of the cloud are taken as they are, but for their common sign. Details smaller than a cell of the grid, 1/128 of the diagonal or half the points' spacing, are smoothed away.
+///
+/// # Errors
+/// Where there are fewer than 50 different points, no extent, or nothing that the points go around.
+pub fn surface(cloud: &PointCloud) -> Result<TriangleMesh> {
+    let frame = Frame::of_points(&cloud.positions)?;
+    let first = equal_positions(&cloud.positions);
+    let different = (0..first.len()).filter(|&i| first[i] as usize == i);
+    let points = PointCloud {
+        positions: different
+            .clone()
+            .map(|i| frame.to_unit(cloud.positions[i]))
+            .collect(),
+        normals: match cloud.normals.is_empty() {
+            true => Vec::new(),
+            false => different.map(|i| cloud.normals[i]).collect(),
+        },
+        confidence: Vec::new(),
+    };
+    if points.positions.len() < FEWEST {
+        return Err(Error::input(
+            format!("there are {} different points", points.positions.len()),
+            "give at least 50",
+        ));
+    }
+    let neighbours = Neighbours::of_points(&points.positions);
+    let normals = normals::oriented(&points, &neighbours);
+    let splats = splats(&points.positions, &normals, &neighbours);
+    let area = (0..points.positions.len())
+        .map(|i| neighbours.area(i))
+        .sum::<f64>();
+    let spacing = (area / points.positions.len() as f64).sqrt();
+    let mut mesh = template::skin(&splats, CELL * spacing)?;
+    mesh.positions = mls::projected(&mesh.positions, &points.positions, &normals, &neighbours);
+    let mesh = covered(&mesh, &points.positions, &neighbours);
+    Ok(TriangleMesh {
+        positions: mesh.positions.iter().map(|&p| frame.to_input(p)).collect(),
+        triangles: mesh.triangles,
+    })
+}
+
+/// For each point an equilateral triangle about it across its normal, with its share of the area.
+fn splats(positions: &[DVec3], normals: &[DVec3], neighbours: &Neighbours) -> TriangleMesh {
+    let mut splats = TriangleMesh::default();
+    for (i, (&p, &n)) in positions.iter().zip(normals).enumerate() {
+        let radius = (4.0 * neighbours.area(i) / 27f64.sqrt()).sqrt();
+        let (u, v) = n.any_orthonormal_pair();
+        let corner = |x: f64, y: f64| p + radius * (x * u + y * v);
+        let half = 0.75f64.sqrt();
+        splats.triangles.push([0, 1, 2].map(|k| 3 * i as u32 + k));
+        splats
+            .positions
+            .extend([corner(1.0, 0.0), corner(-0.5, half), corner(-0.5, -half)]);
+    }
+    splats
+}
+
+/// The triangles that have a point near.
+fn covered(mesh: &TriangleMesh, points: &[DVec3], neighbours: &Neighbours) -> TriangleMesh {
+    let is_covered = |p: &DVec3| {
+        neighbours.nearest(*p).next().is_some_and(|i| {
+            let reach = OPEN * OPEN * neighbours.area(i);
+            points[i].distance_squared(*p) < reach
+        })
+    };
+    let covered: Vec<bool> = mesh.positions.iter().map(is_covered).collect();
+    let keep = |t: &&[u32; 3]| t.iter().any(|&v| covered[v as usize]);
+    TriangleMesh {
+        positions: mesh.positions.clone(),
+        triangles: mesh.triangles.iter().filter(keep).copied().collect(),
+    }
+}

@@ -1,7 +1,6 @@
 //! Curved elements for tests: ideal ones, and random ones that are valid.
 
-// Each test binary uses a part of this.
-#![allow(dead_code)]
+#![allow(dead_code, reason = "each test binary uses a part")]
 
 use super::Noise;
 use glam::{DMat3, DVec3};

@@ -1,7 +1,6 @@
 //! What the GPU tests share: one open device, and noise.
 
-// Each test binary uses a part of this.
-#![allow(dead_code)]
+#![allow(dead_code, reason = "each test binary uses a part")]
 
 pub mod elements;
 pub mod volumes;

@@ -1,7 +1,6 @@
 //! Volume files for tests: what a small mesh of all shapes looks like in every format and encoding that is read, made by hand, and real files.
 
-// Each test binary uses a part of this.
-#![allow(dead_code)]
+#![allow(dead_code, reason = "each test binary uses a part")]
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;

@@ -40,6 +40,7 @@
 //! | [`report`], [`benchmark`] | the report as JSON and as a page to look at; both twins of every kernel side by side |
 //! | [`fit`] | the recipes |
 //! | [`template`], [`reconstruction`], [`demo`] | where a model starts; a surface from a cloud of points; the built-in scan |
+//! | [`features`] | Monge forms, ridges, umbilics and crossings of a scan |
 //! | [`energy`], [`measure`] | terms on the host; distances, by code that no fit uses |
 //! | [`model`] | P → X = M P: polygon, Catmull–Clark, Loop; their limit surfaces; curved elements |
 //! | [`optimize`] | L-BFGS, which knows nothing but a closure |
@@ -59,6 +60,7 @@ pub mod demo;
 pub mod device;
 pub mod energy;
 pub mod error;
+pub mod features;
 pub mod files;
 pub mod fit;
 pub mod geometry;

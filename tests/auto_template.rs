@@ -10,6 +10,7 @@ use vorofit::measure::distances;
 use vorofit::mesh::{Connectivity, ControlMesh, Frame, Scheme, TriangleMesh, shapes};
 use vorofit::progress::Silent;
 use vorofit::template::{Automatic, Genus, automatic};
+use vorofit::topology::Holes;
 
 fn joined(parts: &[TriangleMesh]) -> TriangleMesh {
     let mut all = TriangleMesh::default();
@@ -50,7 +51,8 @@ fn checked(control: &ControlMesh) -> Connectivity {
 }
 
 fn assert_wraps(name: &str, target: &TriangleMesh, asked: usize, euler: i64) {
-    let Automatic { control, sound } = automatic(target, asked, Genus::Simplify).expect(name);
+    let Automatic { control, sound } =
+        automatic(target, asked, Genus::Simplify, Holes::Bridge).expect(name);
     let found = checked(&control).euler_characteristic();
     let points = control.mesh.positions.len();
     println!("{name}: {points} points, Euler characteristic {found}");
@@ -94,7 +96,7 @@ fn small_handles_go_unless_they_are_to_be_kept() {
     };
     let target = Target::new(&Device::Cpu, &penguin).expect("a target");
     let euler = |genus| {
-        let wrapped = automatic(&target.mesh, 1500, genus).expect("a surface");
+        let wrapped = automatic(&target.mesh, 1500, genus, Holes::Bridge).expect("a surface");
         checked(&wrapped.control).euler_characteristic()
     };
     assert_eq!(euler(Genus::Simplify), 2);
@@ -111,7 +113,7 @@ fn handles_larger_than_that_stay() {
 #[test]
 fn what_encloses_nothing_is_refused() {
     let refusal = |mesh: &TriangleMesh| {
-        let refused = automatic(mesh, 500, Genus::Simplify).map(|a| a.sound);
+        let refused = automatic(mesh, 500, Genus::Simplify, Holes::Bridge).map(|a| a.sound);
         refused.expect_err("nothing to wrap").to_string()
     };
     assert!(refusal(&TriangleMesh::default()).contains("0 triangles"));
@@ -132,7 +134,7 @@ fn any_number_of_threads_gives_the_same_bits() {
     let with = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
         pool.expect("threads")
-            .install(|| automatic(&double_torus(), 400, Genus::Simplify))
+            .install(|| automatic(&double_torus(), 400, Genus::Simplify, Holes::Bridge))
             .expect("a surface")
     };
     assert_eq!(with(1), with(3));
@@ -189,7 +191,7 @@ fn unconnected_triangles_are_no_surface() {
         return;
     };
     let target = Target::new(&Device::Cpu, &soup).expect("triangles");
-    let refused = automatic(&target.mesh, 500, Genus::Simplify).map(|a| a.sound);
+    let refused = automatic(&target.mesh, 500, Genus::Simplify, Holes::Bridge).map(|a| a.sound);
     let message = refused.expect_err("no surface").to_string();
     assert!(message.contains("no surface to wrap"), "{message}");
 }
@@ -205,7 +207,7 @@ fn a_bunny_far_from_the_origin_gets_the_same_template() {
         .for_each(|p| *p += DVec3::splat(5e6));
     let [here, there] = [mesh, away].map(|mesh| {
         let target = Target::new(&Device::Cpu, &mesh).expect("a target");
-        automatic(&target.mesh, 1500, Genus::Simplify)
+        automatic(&target.mesh, 1500, Genus::Simplify, Holes::Bridge)
             .expect("a surface")
             .control
     });
@@ -214,4 +216,43 @@ fn a_bunny_far_from_the_origin_gets_the_same_template() {
     let apart = pairs.map(|(p, q)| p.distance(*q)).fold(0.0, f64::max);
     println!("{apart:.1e} of the diagonal apart");
     assert!(apart < 1e-6, "{apart}");
+}
+
+/// Coordinates are rounded to what the sum holds exactly, or the far one would be another bunny: by 4·10⁻⁹ of its diagonal, which moves samples from
+/// triangle to triangle and the fitted surface by more than this.
+#[test]
+fn a_bunny_far_from_the_origin_is_fitted_by_the_same_surface() {
+    const AWAY: f64 = 5e6;
+    const DIGITS: f64 = (1u64 << 28) as f64;
+    let Some(mut mesh) = scan("surfaces/stanford-bunny.obj") else {
+        return;
+    };
+    for p in &mut mesh.positions {
+        *p = (*p * DIGITS).round() / DIGITS;
+    }
+    let mut away = mesh.clone();
+    away.positions.iter_mut().for_each(|p| *p += AWAY);
+    let [here, there] = [mesh, away].map(|mesh| {
+        let target = Target::new(&Device::Cpu, &mesh).expect("a target");
+        let template = Template::Automatic {
+            control_points: 400,
+            genus: Genus::Simplify,
+        };
+        let options = Options::default();
+        let start = Start::new(&target, &template, options.scheme).expect("a start");
+        let fit = fit(&Device::Cpu, &target, start, &options, &Silent).expect("a fit");
+        let control = fit.control.mesh.positions;
+        let in_input = |p: &DVec3| target.frame.to_input(*p);
+        (
+            control.iter().map(in_input).collect::<Vec<_>>(),
+            target.frame.diagonal,
+        )
+    });
+    assert_eq!(here.1, there.1, "the same diagonal");
+    let pairs = here.0.iter().zip(&there.0);
+    let apart = pairs
+        .map(|(p, q)| p.distance(*q - AWAY))
+        .fold(0.0, f64::max);
+    println!("{:.1e} of the diagonal apart", apart / here.1);
+    assert!(apart < 1e-6 * here.1, "{apart}");
 }

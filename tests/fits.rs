@@ -538,6 +538,21 @@ fn targets_with_flaws_are_fitted_all_the_same() {
     }
 }
 
+#[test]
+fn peaks_are_lowered_at_the_end_only() {
+    let target = Target::new(&Device::Cpu, &rounded_box()).unwrap();
+    let start = Start {
+        proximity: Proximity::Touching,
+        ..boxed(&target, 26, 1)
+    };
+    let fit = fit(&Device::Cpu, &target, start, &Options::default(), &Silent).unwrap();
+    let phases = fit
+        .iterations
+        .chunk_by(|a, b| a.control_points == b.control_points);
+    let steps: Vec<usize> = phases.map(<[_]>::len).collect();
+    assert_eq!(steps, [12, 25]);
+}
+
 /// A surface of the public data.
 fn scan(name: &str) -> Option<TriangleMesh> {
     let path = common::data(&format!("surfaces/{name}"))?;

@@ -21,7 +21,7 @@ fn simplified(count: usize) -> Start {
 }
 
 fn fitted(data: &Data, start: &Start, options: &Options) -> Fit {
-    let control = data.control_mesh(start).expect("a start");
+    let control = data.control_mesh(&Device::Cpu, start).expect("a start");
     fit(&Device::Cpu, data, control, options, &Silent).expect("a fit")
 }
 
@@ -66,7 +66,7 @@ fn what_cannot_be_started_from_is_refused_with_a_remedy() {
     let ball = wavy_ball(2);
     let cloud = Data::of_points(&ball.positions).expect("points");
     let error = cloud
-        .control_mesh(&simplified(50))
+        .control_mesh(&Device::Cpu, &simplified(50))
         .expect_err("no triangles");
     assert!(error.to_string().contains("--template FILE"), "{error}");
 
@@ -77,7 +77,9 @@ fn what_cannot_be_started_from_is_refused_with_a_remedy() {
         soup.triangles.push([3 * k, 3 * k + 1, 3 * k + 2]);
     }
     let data = Data::of_mesh(&soup, None, 0).expect("triangles");
-    let error = data.control_mesh(&simplified(50)).expect_err("a soup");
+    let error = data
+        .control_mesh(&Device::Cpu, &simplified(50))
+        .expect_err("a soup");
     assert!(error.to_string().contains("topology"), "{error}");
 }
 
@@ -163,7 +165,9 @@ impl Progress for Impatient {
 #[test]
 fn an_interrupted_fit_is_whole() {
     let data = Data::of_mesh(&wavy_ball(3), None, 0).expect("a ball");
-    let control = data.control_mesh(&simplified(60)).expect("a start");
+    let control = data
+        .control_mesh(&Device::Cpu, &simplified(60))
+        .expect("a start");
     let fit = fit(
         &Device::Cpu,
         &data,
@@ -451,7 +455,7 @@ fn genus_and_boundary_loops_stay() {
         let Some(mesh) = scan(name) else { continue };
         let data = Data::of_mesh(&mesh, None, 0).expect(name);
         let options = Options {
-            iterations: Some(40),
+            iterations: Some(80),
             ..within(max, None)
         };
         let fit = fitted(&data, &simplified(start), &options);
@@ -467,11 +471,12 @@ fn genus_and_boundary_loops_stay() {
             fit.stop_reason
         );
         assert_eq!(ours.euler_characteristic(), theirs.euler_characteristic());
-        assert!(error.max < 0.004, "{name}");
-        if data.on_boundary.contains(&true) {
+        assert!(error.max < 0.01 * max, "{name}");
+        if data.rims.iter().any(Option::is_some) {
             let [there, back] = rims_apart(&mesh, &fit, &data).map(|d| 100.0 * d);
             println!("{name}: rims {there:.4} % and {back:.4} % apart");
-            assert!(there < 110.0 * error.max);
+            // Between the points of our boundary that are watched, and those of theirs, it may be a little more.
+            assert!(there.max(back) < 1.05 * max);
         }
     }
 }

@@ -15,6 +15,7 @@ use vorofit::mesh::{PolygonMesh, TriangleMesh, shapes};
 use vorofit::picture::{Axis, Paint, Picture, Scene, Shape, Strokes, View, color, edges};
 use vorofit::report::Report;
 use vorofit::report::page::{Page, Subject};
+use vorofit::topology::Holes;
 
 const FRONT: View = View {
     from: DVec3::Z,
@@ -418,6 +419,7 @@ fn a_cloud_is_shown_as_points() {
     };
     let surface = PolygonMesh::from(ball);
     let subject = Subject {
+        holes: Holes::Bridge,
         name: "points.xyz",
         target: &cloud,
         cage: &surface,

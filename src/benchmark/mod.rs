@@ -11,6 +11,7 @@ use crate::kernel::candidates::CandidateSeeds;
 use crate::kernel::closest_point::ClosestPointTwins;
 use crate::kernel::differentiated_voronoi::DifferentiatedVoronoi;
 use crate::kernel::element_energy::ElementEnergyTwins;
+use crate::kernel::jet::JetTwins;
 use crate::kernel::limit_surface::LimitSurfaceTwins;
 use crate::kernel::restricted_voronoi::RestrictedVoronoi;
 use crate::kernel::sparse::SparseProduct;
@@ -63,6 +64,7 @@ pub const MEASUREMENTS: &[Measurement] = &[
     |bench, size| bench.kernel::<SparseProduct>(size, &samples::product(size)),
     |bench, size| bench.kernel::<ClosestPointTwins>(size, &samples::closest(size)),
     |bench, size| bench.kernel::<LimitSurfaceTwins>(size, &samples::limit(size)),
+    |bench, size| bench.kernel::<JetTwins>(size, &samples::jets(size)),
     |bench, size| bench.kernel::<CandidateSeeds>(size, &samples::candidates(size)),
     |bench, size| bench.kernel::<RestrictedVoronoi>(size, &samples::restricted(size)),
     |bench, size| bench.kernel::<DifferentiatedVoronoi>(size, &samples::differentiated(size)),

@@ -8,6 +8,7 @@ use crate::kernel::candidates::{CandidateInput, Candidates};
 use crate::kernel::closest_point::ClosestInput;
 use crate::kernel::differentiated_voronoi::DifferentiatedInput;
 use crate::kernel::element_energy::{ElementBatch, ElementInput};
+use crate::kernel::jet::JetInput;
 use crate::kernel::limit_surface::{LimitInput, LimitQuery};
 use crate::kernel::restricted_voronoi::{Metric, RestrictedInput};
 use crate::kernel::sparse::{Csr, SparseInput};
@@ -32,6 +33,8 @@ const RECORDS_TO_SEGMENT: usize = 12;
 const ENTRIES: usize = 16;
 /// The order of the hexahedra.
 const ORDER: usize = 4;
+/// Points that a jet is fitted to: those within four edges.
+const JET_POINTS: usize = 60;
 /// How far queries are from the surface, as a factor of its radius.
 const QUERY_RADIUS: f64 = 1.02;
 
@@ -100,6 +103,23 @@ pub fn limit(triangles: usize) -> LimitInput {
         control,
         scheme: Scheme::Loop,
         queries,
+    }
+}
+
+/// The jets at an eighth as many vertices of a bumpy sheet, as many as all others have seeds.
+pub fn jets(triangles: usize) -> JetInput {
+    let groups = (triangles / TRIANGLES_TO_SEED).max(1);
+    let golden = PI * (3.0 - 5f64.sqrt());
+    let points = (0..groups * JET_POINTS).map(|k| {
+        let (j, phase) = ((k % JET_POINTS) as f64, (k / JET_POINTS) as f64);
+        let (y, x) = (golden * j).sin_cos();
+        let r = 0.99 * ((j + 0.5) / JET_POINTS as f64).sqrt();
+        let (x, y) = (r * x, r * y);
+        DVec3::new(x, y, 0.1 * (x + phase).sin() * (1.3 * y - phase).cos())
+    });
+    JetInput {
+        offsets: (0..=groups).map(|g| (g * JET_POINTS) as u32).collect(),
+        points: points.collect(),
     }
 }
 

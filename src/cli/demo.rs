@@ -12,6 +12,7 @@ use vorofit::mesh::check::Census;
 use vorofit::picture::Axis;
 use vorofit::report::page::check_folder;
 use vorofit::report::{Settings, Stopwatch};
+use vorofit::topology::Holes;
 use vorofit::{Error, Result, demo};
 
 /// Enough for the scan's noise: more would follow it.
@@ -57,7 +58,7 @@ impl Args {
                 mesh: &scan,
                 confidence: &[],
             },
-            settings: Settings::new("bbox".into(), Some(CONTROL_POINTS), &options),
+            settings: Settings::new("bbox".into(), Some(CONTROL_POINTS), Holes::Bridge, &options),
             method: Method::Voronoi {
                 template: Template::BoundingBox {
                     control_points: CONTROL_POINTS,

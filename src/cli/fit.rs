@@ -1,30 +1,36 @@
 //! `vorofit fit`: a surface from a scan.
 
+use super::choices::{Alignment, GenusName, MethodName, SchemeName, StepName, Switch};
 use super::job::{Job, Method, PagePlace, Target, warn_of_flaws};
 use super::outputs::Outputs;
 use super::render::AxisName;
 use super::session::Session;
 use super::text::parse_number;
 use super::{Outcome, bad_usage, terminal};
-use clap::ValueEnum;
 use glam::DVec3;
 use std::path::{Path, PathBuf};
 use vorofit::files::{Scan, check_place, read_control, read_scans};
-use vorofit::fit::{Checkpoint, Checkpoints, Options, Template, geometric};
+use vorofit::fit::{Checkpoint, Checkpoints, Interpolation, Options, Template, geometric};
 use vorofit::mesh::{ControlMesh, Scheme};
 use vorofit::report::page::check_folder;
 use vorofit::report::{Settings, Stopwatch};
 use vorofit::template::{Align, Axis, Genus};
+use vorofit::topology::Holes;
 use vorofit::{Error, Result};
 
 const EXAMPLES: &str = "\
 Examples:
   vorofit fit scan.ply -o control.obj --report seen
   vorofit fit scan.ply -o control.usda --control-points 6000 --surface surface.glb
+  vorofit fit shell.ply -o control.obj --open
   vorofit fit ring.stl -o control.obj --template torus
   vorofit fit scan.ply -o control.obj --template simplify --method geometric --scheme loop --max-error 0.1
+  vorofit fit scan.ply -o control.obj --method interpolate --template adaptive --control-points 400
   vorofit fit points.xyz -o control.obj --template near.obj --method geometric
   vorofit fit head.obj -o control.obj --template basemesh.obj --align box";
+
+/// The templates that are no files.
+const TEMPLATES: [&str; 6] = ["auto", "bbox", "torus", "simplify", "ridges", "adaptive"];
 
 /// Control points where nothing else is asked for: half a percent of error on most scans.
 const CONTROL_POINTS: usize = 1500;
@@ -57,9 +63,9 @@ pub struct Args {
     )]
     up: AxisName,
     /// What to start from: quads around the scan with its handles, a box (for targets like a ball), a torus (for those with one hole), the
-    /// simplified target, or a mesh, whose creases and corners (.usda, .obj with OpenSubdiv's tags) stay sharp [default: auto; simplify with
-    /// --method geometric]
-    #[arg(long, value_name = "auto|bbox|torus|simplify|FILE")]
+    /// simplified target, triangles on it whose points are on its ridges or follow its curvature, or a mesh, whose creases and corners (.usda, .obj with OpenSubdiv's tags) stay sharp [default: auto; simplify with
+    /// --method geometric, ridges with --method interpolate]
+    #[arg(long, value_name = "auto|bbox|torus|simplify|ridges|adaptive|FILE")]
     template: Option<String>,
     /// What becomes of handles and tunnels that are less than 3.5 % of the diagonal around, in --template auto [default: simplify, which closes
     /// them]
@@ -70,14 +76,18 @@ pub struct Args {
         value_name = "keep|simplify"
     )]
     genus: Option<GenusName>,
-    /// How to fit: by Voronoi squared distances, or by closest points on the exact limit surface, with more control points where a tolerance
-    /// asks for them
+    /// Follow the scan's boundaries: the surface is open where the scan is, except at tiny holes [default: holes up to a diagonal around are bridged;
+    /// of several scans they are left to each other]
+    #[arg(long)]
+    open: bool,
+    /// How to fit: by Voronoi squared distances; by closest points on the exact limit surface, with more control points where a tolerance
+    /// asks for them; or not at all, by the surface through the template's points
     #[arg(
         long,
         value_enum,
         default_value_t,
         hide_possible_values = true,
-        value_name = "vsdm|geometric"
+        value_name = "vsdm|geometric|interpolate"
     )]
     method: MethodName,
     /// How --method geometric moves control points: as its paper does, or by least squares [default: least-squares]
@@ -88,6 +98,12 @@ pub struct Args {
         value_name = "displacement|least-squares"
     )]
     step: Option<StepName>,
+    /// Whether edges of --template ridges are flipped along ridges of one colour: that follows features, mostly at the cost of the error [default: off]
+    #[arg(long, value_enum, hide_possible_values = true, value_name = "on|off")]
+    flips: Option<Switch>,
+    /// Halve the edges of the template so often, with the new points on the scan (--method interpolate) [default: 0]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(0..=4))]
+    refinements: Option<u8>,
     /// Fit to so many points spread evenly over the scan, in place of its vertices (--method geometric)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000_000))]
     samples: Option<u32>,
@@ -103,7 +119,8 @@ pub struct Args {
         value_name = "none|box|rigid|similarity"
     )]
     align: Option<Alignment>,
-    /// The surface that the control mesh stands for [default: catmull-clark; loop with --method geometric]
+    /// The surface that the control mesh stands for [default: catmull-clark; loop with --template ridges or adaptive and
+    /// with --method geometric or interpolate]
     #[arg(
         long,
         value_enum,
@@ -112,7 +129,7 @@ pub struct Args {
     )]
     scheme: Option<SchemeName>,
     /// Control points, as nearly as the template's grid allows [default: 1500]; with --method geometric those to start from [default: 2 % of
-    /// the vertices]
+    /// the vertices, and as many more as lie on rims]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(8..=10_000_000))]
     control_points: Option<u32>,
     /// Control points that --method geometric may end with [default: three quarters of the points to fit to]
@@ -155,60 +172,6 @@ pub struct Args {
     /// The seed of all sampling
     #[arg(long, default_value_t, value_name = "N")]
     seed: u64,
-}
-
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
-enum Switch {
-    #[default]
-    On,
-    Off,
-}
-
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
-enum MethodName {
-    #[default]
-    Vsdm,
-    Geometric,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum GenusName {
-    Keep,
-    Simplify,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum StepName {
-    Displacement,
-    LeastSquares,
-}
-
-/// [`Align`] on the command line.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum Alignment {
-    None,
-    Box,
-    Rigid,
-    Similarity,
-}
-
-impl From<Alignment> for Align {
-    fn from(alignment: Alignment) -> Self {
-        match alignment {
-            Alignment::None => Self::None,
-            Alignment::Box => Self::Box,
-            Alignment::Rigid => Self::Rigid,
-            Alignment::Similarity => Self::Similarity,
-        }
-    }
-}
-
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
-enum SchemeName {
-    #[default]
-    CatmullClark,
-    Loop,
-    Polygon,
 }
 
 impl Args {
@@ -262,7 +225,9 @@ impl Args {
     fn check_usage(&self) {
         let from_file = self.template_file().is_some();
         let asks_error = self.max_error.is_some() || self.mean_error.is_some();
+        let vsdm = self.method == MethodName::Vsdm;
         let geometric = self.method == MethodName::Geometric;
+        let interpolate = self.method == MethodName::Interpolate;
         let conflicts = [
             (
                 self.axis.is_some() && self.template_name() != "torus",
@@ -273,12 +238,20 @@ impl Args {
                 "--genus needs --template auto",
             ),
             (
+                self.flips.is_some() && self.template_name() != "ridges",
+                "--flips needs --template ridges",
+            ),
+            (
+                self.open && (!vsdm || matches!(self.template_name(), "bbox" | "torus")),
+                "--open needs --method vsdm and a template that is open: auto, simplify, ridges, adaptive or FILE",
+            ),
+            (
                 self.align.is_some() && !from_file,
                 "--align needs --template FILE",
             ),
             (
                 self.control_points.is_some() && from_file,
-                "--control-points is for auto, bbox, torus and simplify: a template FILE brings its own",
+                "--control-points is for auto, bbox, torus, simplify, ridges and adaptive: a template FILE brings its own",
             ),
             (
                 self.limit.is_some() && self.scheme() == Scheme::Polygon,
@@ -296,15 +269,23 @@ impl Args {
                 "--step, --samples and --max-control-points need --method geometric",
             ),
             (
-                geometric && self.scheme() != Scheme::Loop,
-                "--method geometric fits Loop surfaces: --scheme loop",
+                !vsdm && self.scheme() != Scheme::Loop,
+                "--method geometric and interpolate make Loop surfaces: --scheme loop",
             ),
             (
-                geometric && matches!(self.template_name(), "auto" | "bbox" | "torus"),
-                "--method geometric needs a start near the scan: --template simplify or FILE",
+                !vsdm && matches!(self.template_name(), "auto" | "bbox" | "torus"),
+                "--method geometric and interpolate need a start on the scan: --template ridges, adaptive, simplify or FILE",
             ),
             (
-                geometric
+                interpolate && (asks_error || self.iterations.is_some()),
+                "--max-error, --mean-error and --iterations are for --method vsdm and geometric: interpolation has one step",
+            ),
+            (
+                !interpolate && self.refinements.is_some(),
+                "--refinements needs --method interpolate",
+            ),
+            (
+                !vsdm
                     && (self.smoothness.is_some()
                         || self.anisotropy.is_some()
                         || self.polish.is_some()
@@ -312,11 +293,11 @@ impl Args {
                 "--smoothness, --anisotropy, --polish and --limit are for --method vsdm",
             ),
             (
-                geometric && self.outliers > 0.0,
+                !vsdm && self.outliers > 0.0,
                 "--outliers is for --method vsdm",
             ),
             (
-                geometric && (self.checkpoint.is_some() || self.resume.is_some()),
+                !vsdm && (self.checkpoint.is_some() || self.resume.is_some()),
                 "--checkpoint and --resume are for --method vsdm",
             ),
             (
@@ -329,25 +310,42 @@ impl Args {
         }
     }
 
+    fn holes(&self) -> Holes {
+        let is_poses = |path: &&PathBuf| {
+            path.extension()
+                .is_some_and(|e| e.eq_ignore_ascii_case("conf"))
+        };
+        let scans = self.target.len() - self.target.iter().filter(is_poses).count();
+        match scans {
+            _ if self.open => Holes::Follow,
+            1 => Holes::Bridge,
+            _ => Holes::Leave,
+        }
+    }
+
     fn template_name(&self) -> &str {
         let default = match self.method {
             MethodName::Vsdm => "auto",
             MethodName::Geometric => "simplify",
+            MethodName::Interpolate => "ridges",
         };
         self.template.as_deref().unwrap_or(default)
     }
 
     fn scheme(&self) -> Scheme {
-        match (self.scheme, self.method) {
-            (Some(SchemeName::CatmullClark), _) | (None, MethodName::Vsdm) => Scheme::CatmullClark,
-            (Some(SchemeName::Loop), _) | (None, MethodName::Geometric) => Scheme::Loop,
-            (Some(SchemeName::Polygon), _) => Scheme::Polygon,
+        let is_network = matches!(self.template_name(), "ridges" | "adaptive");
+        match self.scheme {
+            Some(SchemeName::CatmullClark) => Scheme::CatmullClark,
+            Some(SchemeName::Loop) => Scheme::Loop,
+            Some(SchemeName::Polygon) => Scheme::Polygon,
+            None if self.method == MethodName::Vsdm && !is_network => Scheme::CatmullClark,
+            None => Scheme::Loop,
         }
     }
 
     fn template_file(&self) -> Option<&Path> {
         let name = self.template_name();
-        (!matches!(name, "auto" | "bbox" | "torus" | "simplify")).then(|| Path::new(name))
+        (!TEMPLATES.contains(&name)).then(|| Path::new(name))
     }
 
     fn inputs(&self) -> Vec<&Path> {
@@ -378,21 +376,25 @@ impl Args {
         let name = self.template_name().to_owned();
         if self.method == MethodName::Vsdm {
             let options = self.options();
-            let settings = Settings::new(name, self.control_points(), &options);
+            let settings = Settings::new(name, self.control_points(), self.holes(), &options);
             let template = self.template()?;
             return Ok((Method::Voronoi { template, options }, settings));
+        }
+        if self.method == MethodName::Interpolate {
+            let options = Interpolation {
+                refinements: self.refinements.map_or(0, usize::from),
+                levels: self.levels(),
+            };
+            let count = self.control_points();
+            let settings = Settings::of_interpolation(name, count, options, self.seed);
+            let start = self.start(count)?;
+            return Ok((Method::Interpolate { start, options }, settings));
         }
         let asked = self.control_points.map(|n| n as usize);
         let samples = self.samples.map(|n| n as usize);
         let options = self.geometric_options();
         let settings = Settings::of_geometric(name, asked, &options, samples, self.seed);
-        let start = match self.template_file() {
-            None => geometric::Start::Simplified(asked),
-            Some(path) => {
-                let (control, align) = self.template_mesh(path)?;
-                geometric::Start::Mesh { control, align }
-            }
-        };
+        let start = self.start(asked)?;
         let method = Method::Geometric {
             start,
             samples,
@@ -400,6 +402,29 @@ impl Args {
             options,
         };
         Ok((method, settings))
+    }
+
+    fn flips(&self) -> bool {
+        self.flips == Some(Switch::On)
+    }
+
+    /// The start of a method that needs one on the scan.
+    fn start(&self, control_points: Option<usize>) -> Result<geometric::Start> {
+        Ok(match self.template_name() {
+            "simplify" => geometric::Start::Simplified(control_points),
+            "ridges" => geometric::Start::Ridges {
+                control_points,
+                flips: self.flips(),
+            },
+            "adaptive" => geometric::Start::Adaptive {
+                control_points,
+                seed: self.seed,
+            },
+            path => {
+                let (control, align) = self.template_mesh(path.as_ref())?;
+                geometric::Start::Mesh { control, align }
+            }
+        })
     }
 
     fn template(&self) -> Result<Template> {
@@ -414,6 +439,14 @@ impl Args {
             },
             "bbox" => Template::BoundingBox { control_points },
             "simplify" => Template::Simplified { control_points },
+            "ridges" => Template::Ridges {
+                control_points,
+                flips: self.flips(),
+            },
+            "adaptive" => Template::Adaptive {
+                control_points,
+                seed: self.seed,
+            },
             "torus" => Template::Torus {
                 axis: self.axis.unwrap_or(Axis::Inertia),
                 control_points,
@@ -484,7 +517,7 @@ fn hint_at_names(error: Error) -> Error {
             &path,
             "template",
             "there is no such file",
-            "give auto, bbox, torus, simplify or a mesh",
+            "give auto, bbox, torus, simplify, ridges, adaptive or a mesh",
         ),
         other => other,
     }

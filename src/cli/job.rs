@@ -3,26 +3,33 @@
 use super::Outcome;
 use super::outputs::Outputs;
 use super::session::Session;
-use super::text::{Summary, command_line, count, significant};
+use super::text::command_line;
 use glam::DVec3;
 use std::path::{Path, PathBuf};
 use vorofit::files::{SurfaceToWrite, write_surface};
 use vorofit::fit::geometric::{self, Data};
-use vorofit::fit::{self, Checkpoints, Fit, Iteration, Options, Start, StopReason, Template};
-use vorofit::measure;
+use vorofit::fit::{
+    self, Checkpoints, Fit, Interpolation, Iteration, Options, Start, StopReason, Template,
+};
+use vorofit::measure::{self, Mended};
 use vorofit::mesh::check::Census;
-use vorofit::mesh::{ControlMesh, Frame, PointCloud, PolygonMesh, Scheme, TriangleMesh};
+use vorofit::mesh::{
+    Connectivity, ControlMesh, Frame, PointCloud, PolygonMesh, Scheme, TriangleMesh,
+};
 use vorofit::picture;
 use vorofit::reconstruction;
-use vorofit::report::page::{PAGE, Page, Subject};
+use vorofit::report::page::{Page, Subject};
 use vorofit::report::{
-    DeviceReport, ErrorReport, Figures, Report, ResultReport, Settings, Stopwatch, TargetReport,
-    Timing,
+    CageReport, DeviceReport, ErrorReport, Report, ResultReport, Settings, Stopwatch, TargetReport,
 };
+use vorofit::topology::Holes;
 use vorofit::{Error, Result};
 
 /// Area samples a side by which the result is judged: the rms is then certain to about a percent.
 const SAMPLES: usize = 200_000;
+
+/// Samples of each rim.
+const RIM_SAMPLES: usize = 20_000;
 
 /// A fit to be run.
 pub struct Job<'a> {
@@ -101,6 +108,11 @@ pub enum Method {
         template: Template,
         options: Options,
     },
+    /// By the surface through the start's points.
+    Interpolate {
+        start: geometric::Start,
+        options: Interpolation,
+    },
     /// By the geometric algorithm.
     Geometric {
         start: geometric::Start,
@@ -112,10 +124,10 @@ pub enum Method {
 }
 
 impl Method {
-    fn scheme(&self) -> Scheme {
+    pub fn scheme(&self) -> Scheme {
         match self {
             Self::Voronoi { options, .. } => options.scheme,
-            Self::Geometric { .. } => Scheme::Loop,
+            Self::Interpolate { .. } | Self::Geometric { .. } => Scheme::Loop,
         }
     }
 
@@ -124,6 +136,10 @@ impl Method {
         match self {
             Self::Voronoi {
                 template: Template::Mesh { control, .. },
+                ..
+            }
+            | Self::Interpolate {
+                start: geometric::Start::Mesh { control, .. },
                 ..
             }
             | Self::Geometric {
@@ -143,6 +159,7 @@ struct Finished {
     distances: Option<Vec<f64>>,
     diagonal: f64,
     error: ErrorReport,
+    cage: CageReport,
     iterations: Vec<Iteration>,
     stop_reason: StopReason,
     page: Option<Page>,
@@ -189,10 +206,19 @@ impl Job<'_> {
                     }
                 };
                 let device = session.device()?;
-                let target = fit::Target::with_confidence(device, &surface, confidence)
+                let target = fit::Target::with(device, &surface, confidence, self.holes())
                     .map_err(|e| in_file(e, self.name, "faces"))?;
                 stopwatch.lap("prepare");
                 self.fit_voronoi(session, &target, template, options, stopwatch)?
+            }
+            Method::Interpolate { start, options } => {
+                let data = self.data(None, 0)?;
+                stopwatch.lap("prepare");
+                let control = self.control_mesh(session, &data, start, stopwatch)?;
+                let fit = fit::interpolate(&data, control, options)
+                    .map_err(|e| in_file(e, self.template_file(), "template"))?;
+                stopwatch.laps(fit.stages.iter().cloned());
+                (data.frame, fit)
             }
             Method::Geometric {
                 start,
@@ -200,13 +226,7 @@ impl Job<'_> {
                 seed,
                 options,
             } => {
-                let data = match self.target {
-                    Target::Surface { mesh, .. } => {
-                        Data::of_mesh(&mesh.triangulate(), *samples, *seed)
-                    }
-                    Target::Points(points) => Data::of_points(&points.positions),
-                };
-                let data = data.map_err(|e| in_file(e, self.name, "target"))?;
+                let data = self.data(*samples, *seed)?;
                 stopwatch.lap("prepare");
                 self.fit_geometric(session, &data, start, options, stopwatch)?
             }
@@ -217,6 +237,7 @@ impl Job<'_> {
             None => self.target.in_frame(&frame),
         };
         let (error, distances) = self.judge(&target, &frame, &fit)?;
+        let cage = self.judge_cage(&target, &fit)?;
         stopwatch.lap("measure");
         let page = self.draw(session, &target, &fit, distances.as_deref())?;
         if page.is_some() {
@@ -228,6 +249,7 @@ impl Job<'_> {
             distances,
             diagonal: frame.diagonal,
             error,
+            cage,
             iterations: fit.iterations,
             stop_reason: fit.stop_reason,
             page,
@@ -266,6 +288,29 @@ impl Job<'_> {
         Ok((target.frame, fit))
     }
 
+    /// The points of the target that are fitted to, or `samples` spread over it.
+    fn data(&self, samples: Option<usize>, seed: u64) -> Result<Data> {
+        let data = match self.target {
+            Target::Surface { mesh, .. } => Data::of_mesh(&mesh.triangulate(), samples, seed),
+            Target::Points(points) => Data::of_points(&points.positions),
+        };
+        data.map_err(|e| in_file(e, self.name, "target"))
+    }
+
+    fn control_mesh(
+        &self,
+        session: &Session,
+        data: &Data,
+        start: &geometric::Start,
+        stopwatch: &mut Stopwatch,
+    ) -> Result<ControlMesh> {
+        let control = data
+            .control_mesh(session.device()?, start)
+            .map_err(|e| in_file(e, self.template_file(), "template"))?;
+        stopwatch.lap("template");
+        Ok(control)
+    }
+
     fn fit_geometric(
         &self,
         session: &Session,
@@ -274,12 +319,10 @@ impl Job<'_> {
         options: &geometric::Options,
         stopwatch: &mut Stopwatch,
     ) -> Result<(Frame, Fit)> {
-        let about_template = |e| in_file(e, self.template_file(), "template");
-        let control = data.control_mesh(start).map_err(about_template)?;
-        stopwatch.lap("template");
+        let control = self.control_mesh(session, data, start, stopwatch)?;
         let device = session.device()?;
         let fit = geometric::fit(device, data, control, options, &session.terminal)
-            .map_err(about_template)?;
+            .map_err(|e| in_file(e, self.template_file(), "template"))?;
         stopwatch.laps(fit.stages.iter().cloned());
         Ok((data.frame, fit))
     }
@@ -297,7 +340,7 @@ impl Job<'_> {
             return Ok((ErrorReport::of_points(error, diagonal), None));
         }
         let surface = fit.surface.triangulate();
-        let mut error = measure::surface_error(target, &surface, SAMPLES)
+        let mut error = measure::surface_error_with(target, &surface, SAMPLES, self.holes())
             .map_err(|e| in_file(e, self.name, "result"))?;
         if let Target::Points(points) = self.target {
             let points: Vec<DVec3> = points.positions.iter().map(|&p| frame.to_unit(p)).collect();
@@ -305,8 +348,30 @@ impl Job<'_> {
         }
         let shown = self.page.is_some() || !self.outputs.surface.is_empty();
         let distances = shown.then(|| measure::distances(target, &fit.surface.positions));
-        let report = ErrorReport::of_fit(&error, diagonal).with_data(fit.data_error, diagonal);
+        let mut report = ErrorReport::of_fit(&error, diagonal).with_data(fit.data_error, diagonal);
+        if self.holes() == Holes::Follow {
+            let rims = measure::rim_error(target, &surface, RIM_SAMPLES);
+            report = report.with_rims(rims, diagonal);
+        }
         Ok((report, distances.transpose()?))
+    }
+
+    /// What the control mesh is like, against the target in the unit frame.
+    fn judge_cage(&self, target: &TriangleMesh, fit: &Fit) -> Result<CageReport> {
+        let control = &fit.control.mesh;
+        let mut report = CageReport {
+            euler_characteristic: Connectivity::of(control)?.euler_characteristic(),
+            target_euler_characteristic: None,
+            least_angle: measure::least_angle(control),
+            folded_percent: None,
+        };
+        if !target.triangles.is_empty() {
+            let target = Mended::of(target, self.holes());
+            let folded = target.folded_share(&fit.surface.triangulate())?;
+            report.target_euler_characteristic = target.euler_characteristic();
+            report.folded_percent = Some(100.0 * folded);
+        }
+        Ok(report)
     }
 
     /// The page, if one is wanted.
@@ -328,9 +393,15 @@ impl Job<'_> {
             cage: &fit.control.mesh,
             surface: &fit.surface,
             distances,
+            holes: self.holes(),
             up: place.up,
         })?;
         Ok(Some(page))
+    }
+
+    /// What becomes of the target's holes.
+    fn holes(&self) -> Holes {
+        self.settings.holes.unwrap_or_default()
     }
 
     fn write(&self, finished: &Finished) -> Result<()> {
@@ -363,6 +434,7 @@ impl Job<'_> {
             control,
             surface,
             error,
+            cage,
             stop_reason,
             ..
         } = finished;
@@ -392,6 +464,7 @@ impl Job<'_> {
             }),
             stop_reason: Some(stop_reason),
             error: Some(error),
+            cage: Some(cage),
             timing: Some(stopwatch.timing()),
             ..Report::new(self.command)
         })
@@ -407,206 +480,6 @@ impl Job<'_> {
         max_error_percent.is_none_or(|asked| error.max_percent <= asked)
             && mean_error_percent.is_none_or(|asked| error.mean_percent <= asked)
     }
-
-    /// The report in words.
-    fn summary(&self, report: &Report) -> String {
-        let mut summary = Summary::default();
-        if let Some(size) = &report.result {
-            let control = format!(
-                "{} control points, {} faces",
-                count(size.control_points.unwrap_or_default()),
-                count(size.control_faces.unwrap_or_default())
-            );
-            let surface = format!(
-                "{} vertices, {} faces",
-                count(size.surface_vertices),
-                count(size.surface_faces)
-            );
-            let controls = self.outputs.control.iter().map(|path| (path, &control));
-            let surfaces = self.outputs.surface.iter().map(|path| (path, &surface));
-            let files: Vec<_> = controls.chain(surfaces).collect();
-            let page = self.page.as_ref().map(|place| place.folder.join(PAGE));
-            let shows = "scan, cage and surface to turn, with figures and charts".to_owned();
-            let files: Vec<_> = page
-                .iter()
-                .map(|path| (path, &shows))
-                .chain(files)
-                .collect();
-            let width = files
-                .iter()
-                .map(|(path, _)| path.display().to_string().chars().count());
-            let width = width.max().unwrap_or_default();
-            for (path, size) in files {
-                summary.line(
-                    "wrote",
-                    format!("{:width$}   {size}", path.display().to_string()),
-                );
-            }
-        }
-        if let Some(error) = &report.error {
-            self.summarize_error(error, &mut summary);
-        }
-        if let (Method::Geometric { .. }, Some(iterations)) = (&self.method, &report.iterations) {
-            tabulate(iterations, &mut summary);
-        }
-        if let Some(timing) = &report.timing {
-            summary.line("stages", stages(timing));
-        }
-        summary.line("time", self.time(report));
-        summary.line("open", self.what_to_open());
-        summary.text()
-    }
-
-    fn summarize_error(&self, error: &ErrorReport, summary: &mut Summary) {
-        let line = |[largest, rms, mean]: [f64; 3], of: &str| {
-            let [largest, rms, mean] = [largest, rms, mean].map(|x| significant(x, 3));
-            format!("largest {largest} %, rms {rms} %, mean {mean} % {of}")
-        };
-        let directions = || {
-            let back = error.surface_to_target.as_ref();
-            std::iter::once(&error.target_to_surface).chain(back)
-        };
-        let larger = |figure: fn(&Figures) -> f64| {
-            let largest = directions().map(|d| figure(&d.figures)).fold(0.0, f64::max);
-            significant(largest, 3)
-        };
-        let name = self.name.display();
-        summary.line(
-            "result",
-            format!(
-                "{name} and the surface are nowhere further apart than {} of its units, and {} on average",
-                larger(|f| f.max),
-                larger(|f| f.mean)
-            ),
-        );
-        let percent = [error.max_percent, error.rms_percent, error.mean_percent];
-        summary.line("error", line(percent, "of the bounding box's diagonal"));
-        if let Some(Figures {
-            max_percent,
-            rms_percent,
-            mean_percent,
-            ..
-        }) = error.data_to_limit.as_ref().map(|d| d.figures)
-        {
-            let percent = [max_percent, rms_percent, mean_percent];
-            summary.line(
-                "error",
-                line(percent, "at the data points, from the limit surface"),
-            );
-        }
-        if let Some(holes) = &error.over_holes {
-            summary.line(
-                "holes",
-                format!(
-                    "{} % of the surface spans holes of the scan, at most {} % of the diagonal away from it; not counted above",
-                    significant(holes.area_percent, 3),
-                    significant(holes.max_percent, 3)
-                ),
-            );
-        }
-    }
-
-    fn time(&self, report: &Report) -> String {
-        let settings = &self.settings;
-        let asked = settings.max_error_percent.is_some() || settings.mean_error_percent.is_some();
-        let why = match (report.stop_reason, report.converged) {
-            (Some(StopReason::Interrupted), _) if self.checkpoints.file.is_some() => {
-                "interrupted: this is the best so far; --resume goes on"
-            }
-            (Some(StopReason::Interrupted), _) => "interrupted: this is the best so far",
-            (Some(StopReason::Iterations), _) => "stopped at the iterations allowed",
-            (Some(StopReason::Tolerance), _) => "stopped at the error asked for",
-            (Some(StopReason::ControlPoints), _) => {
-                "stopped short of the error asked for: try a larger --max-control-points"
-            }
-            (Some(StopReason::Stagnation), Some(true)) => "ran until nothing got better",
-            (Some(StopReason::Stagnation), _) => {
-                "nothing got better any more, short of the error asked for"
-            }
-            (_, Some(false)) if asked => {
-                "ran to the end without reaching the error asked for: try more control points"
-            }
-            _ => "ran to the end",
-        };
-        let seconds = report.timing.as_ref().map_or(0.0, |timing| timing.total_s);
-        let iterations = report.iterations.as_ref().map_or(0, Vec::len);
-        format!("{seconds:.1} s, {} iterations; {why}", count(iterations))
-    }
-
-    fn what_to_open(&self) -> String {
-        if let Some(place) = &self.page {
-            let page = place.folder.join(PAGE);
-            return format!("{} in any browser", page.display());
-        }
-        let with = |extension: &str| {
-            let all = self.outputs.surface.iter().chain(&self.outputs.control);
-            let has = |path: &&PathBuf| {
-                path.extension()
-                    .is_some_and(|e| e.eq_ignore_ascii_case(extension))
-            };
-            all.into_iter().find(has)
-        };
-        if let Some(path) = with("glb") {
-            return format!(
-                "{} in any glTF viewer: its colours are the error",
-                path.display()
-            );
-        }
-        if let Some(path) = with("usda") {
-            return format!(
-                "{} in Blender or usdview: it is a subdivision surface there",
-                path.display()
-            );
-        }
-        let first = self
-            .outputs
-            .control
-            .first()
-            .map(|path| path.display().to_string());
-        let first = first.unwrap_or_default();
-        match self.method.scheme() {
-            Scheme::CatmullClark => {
-                format!("{first} in Blender, with a Subdivision Surface modifier on it")
-            }
-            Scheme::Loop => format!("{first} in MeshLab, with Loop subdivision applied to it"),
-            Scheme::Polygon => format!("{first} in any mesh viewer"),
-        }
-    }
-}
-
-/// The last iteration with each number of control points, as the papers tabulate them.
-fn tabulate(iterations: &[Iteration], summary: &mut Summary) {
-    let row = |cells: [&str; 6]| {
-        let [first, others @ ..] = cells.map(|cell| format!("{cell:>9}"));
-        format!("{first}{}", others.join(""))
-    };
-    summary.line(
-        "fit",
-        row(["iteration", "points", "E_max %", "E_rms %", "E_ave %", "s"]),
-    );
-    for same in iterations.chunk_by(|a, b| a.control_points == b.control_points) {
-        let last = &same[same.len() - 1];
-        let percent = |share: Option<f64>| significant(share.unwrap_or_default(), 3);
-        let cells = [
-            count(last.iteration),
-            count(last.control_points),
-            percent(last.max_percent),
-            percent(last.rms_percent),
-            percent(last.mean_percent),
-            format!("{:.2}", last.seconds),
-        ];
-        summary.line("fit", row(cells.each_ref().map(String::as_str)));
-    }
-}
-
-/// Where the time went, longest first.
-fn stages(timing: &Timing) -> String {
-    let mut stages: Vec<_> = timing.stages.iter().collect();
-    stages.sort_by(|a, b| b.1.total_cmp(&a.1));
-    let share = |(name, seconds): &(String, f64)| {
-        format!("{name} {:.0} %", 100.0 * seconds / timing.total_s)
-    };
-    stages.into_iter().map(share).collect::<Vec<_>>().join(", ")
 }
 
 /// Tells the flaws of an input in one line.

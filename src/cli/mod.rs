@@ -5,14 +5,17 @@
 
 mod bench;
 mod check;
+mod choices;
 mod compare;
 mod demo;
 mod devices;
+mod features;
 mod fit;
 mod job;
 mod outputs;
 mod render;
 mod session;
+mod summary;
 mod terminal;
 mod text;
 mod volume;
@@ -38,6 +41,7 @@ enum Command {
     Fit(Box<fit::Args>),
     Volume(Box<volume::Args>),
     Demo(demo::Args),
+    Features(features::Args),
     Compare(compare::Args),
     Render(render::Args),
     Check(check::Args),
@@ -63,6 +67,7 @@ pub fn main() -> ExitCode {
             Command::Fit(args) => args.run(&session),
             Command::Volume(args) => args.run(&session),
             Command::Demo(args) => args.run(&session),
+            Command::Features(args) => args.run(&session),
             Command::Compare(args) => args.run(&session),
             Command::Render(args) => args.run(&session),
             Command::Check(args) => args.run(&session),

@@ -1,6 +1,6 @@
 //! `vorofit volume`: curved elements of high order from a closed scan.
 
-use super::fit::Alignment;
+use super::choices::Alignment;
 use super::job::{in_file, warn_of_flaws};
 use super::outputs::refuse_clashes;
 use super::session::Session;

@@ -40,12 +40,17 @@ impl Smoothness {
     }
 }
 
-/// (L x)_i = x_i − the mean of the neighbours of i along edges; zero where there are none.
+/// (L x)_i = x_i − the mean of the neighbours of i along edges; zero where there are none. On the boundary only neighbours along it count: the
+/// inside does not draw it in.
 pub fn laplacian(surface: &Connectivity) -> Csr {
     let vertices = surface.vertex_count();
     let mut edges: Vec<[u32; 2]> = (0..surface.edge_count() as u32)
-        .map(|e| surface.ends(e))
-        .flat_map(|[a, b]| [[a, b], [b, a]])
+        .flat_map(|e| {
+            let [a, b] = surface.ends(e);
+            let counts = move |v| surface.is_boundary_edge(e) || !surface.is_boundary_vertex(v);
+            let directed = [[a, b], [b, a]];
+            directed.into_iter().filter(move |&[v, _]| counts(v))
+        })
         .collect();
     edges.sort_unstable();
     let mut rows: Vec<Vec<(u32, f64)>> = vec![Vec::new(); vertices];

@@ -18,6 +18,7 @@
 //! | `.glb` | no | yes | f32 about a local origin | triangles, normals, error per vertex as colours |
 
 mod atomic;
+pub mod curves;
 mod glb;
 mod obj;
 mod off;
@@ -56,7 +57,7 @@ pub struct Surface {
 
 /// Reads a surface; the format is told by the extension, in any case of letters.
 ///
-/// Vertices keep the file's order. OBJ and STL, which repeat positions at seams, have identical positions merged
+/// Vertices keep the file's order. OBJ and STL, which repeat positions at seams, have equal positions merged
 /// ([`crate::mesh::weld`]). Colours, normals and texture coordinates are passed over.
 ///
 /// # Errors

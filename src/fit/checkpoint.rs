@@ -5,7 +5,9 @@
 //! The text is JSON, whose numbers keep all bits here.
 
 use super::Target;
-use super::voronoi::{Iteration, Options, Start};
+use super::record::Iteration;
+use super::start::Start;
+use super::voronoi::Options;
 use crate::error::{Error, Result};
 use crate::files::write_whole;
 use glam::DVec3;

@@ -42,6 +42,7 @@ impl Polish<'_> {
     /// are left.
     pub(super) fn flatten_peaks(
         &mut self,
+        mut surface: Surface,
         control_points: &mut Vec<DVec3>,
         weights: Weights,
         done: usize,
@@ -52,17 +53,20 @@ impl Polish<'_> {
         let mut watched = Watched::default();
         let mut limit = f64::INFINITY;
         for step in 0..=STEPS {
-            let surface = self.surface(control_points)?;
             self.choose_outliers(&surface)?;
+            let mut found = self.correspond(&surface)?;
             if step % SEARCH == 0 {
                 let max;
-                (max, watched) = self.search(&surface, &everything)?;
+                (max, watched) = self.search(&surface, &everything, found.max())?;
                 if max < best.0 {
                     best = (max, control_points.clone());
                 }
             }
-            let far = self.correspond_at(&surface, &watched.of_target, &watched.of_surface)?;
-            let mut found = self.correspond(&surface)?;
+            let Watched {
+                of_target,
+                of_surface,
+            } = &watched;
+            let far = self.correspond_at(&surface, of_target, of_surface, 0.0)?;
             let mut state = found.step(done + step);
             state.max = state.max.max(far.max());
             if !observe(state) {
@@ -76,6 +80,7 @@ impl Polish<'_> {
             let penalties = [penalties(&found, limit), penalties(&far, limit)].concat();
             found.footpoints.extend(penalties);
             self.solve(&surface, &found, weights, control_points);
+            self.follow(&mut surface, control_points)?;
         }
         *control_points = best.1;
         Ok(())
@@ -91,12 +96,15 @@ impl Polish<'_> {
         all
     }
 
-    /// The largest distance of all, and what to watch.
-    fn search(&self, surface: &Surface, of_target: &Samples) -> Result<(f64, Watched)> {
+    /// The largest distance of all, and what to watch. `known`: a distance that some point has; what is too near to be watched then is not looked at
+    /// closely.
+    fn search(&self, surface: &Surface, of_target: &Samples, known: f64) -> Result<(f64, Watched)> {
         let mut of_surface = sample_by_area(&surface.mesh, DENSE * self.samples, self.seed + 3);
         of_surface.extend(vertices(&surface.mesh));
-        let found = self.correspond_at(surface, of_target, &of_surface)?;
-        let max = found.max();
+        let found = self.correspond_at(surface, of_target, &of_surface, WATCH * known)?;
+        let mut rims = Correspondence::default();
+        self.follow_rims(surface, &mut rims);
+        let max = found.max().max(rims.max());
         let mut watched = Watched::default();
         for (k, (f, &distance)) in found.footpoints.iter().zip(&found.distances).enumerate() {
             if distance < WATCH * max {

@@ -5,7 +5,10 @@
 //! the linear least squares for all control points ([`super::least_squares`]), and starts again; the regularizer falls
 //! from step to step. A distance changes only along the line to its goal, so that direction is the one that counts
 //! fully. (With the normals of T there instead, as in point-to-plane registration, Igea's rms ends a tenth higher.)
-//! Last, [`super::peaks`] lowers the largest distances.
+//! Where the target's rims are to be followed, samples of its boundary curves and of the surface's are footpoints of one another too.
+//! Last, [`super::peaks`] lowers the largest distances, unless the surface is to be subdivided: its finer successor has other peaks, and where these
+//! had been lowered first it ended with larger errors (Igea with 6,146 points with 0.131 in place of 0.114 %, the bunny with 0.248 in place of 0.161 %),
+//! more folds, and later.
 
 use super::least_squares::{Footpoint, LeastSquares, Shape, Weights};
 use super::outliers;
@@ -17,6 +20,7 @@ use crate::energy::Smoothness;
 use crate::error::Result;
 use crate::kernel::closest_point::ClosestPoints;
 use crate::kernel::sparse::Csr;
+use crate::measure::{Rim, RimPoint};
 use crate::mesh::TriangleMesh;
 use crate::mesh::sample::{SurfacePoint, sample_by_area};
 use crate::model::Model;
@@ -41,6 +45,9 @@ const TOLERANCE: f64 = 1e-3;
 const SAMPLES_PER_POINT: usize = 25;
 const SAMPLES: (usize, usize) = (20_000, 100_000);
 
+/// The weight of a sample of a rim, where rims are followed, against one of the area; along the rim they are as far apart as those are. A curve has fewer of them to a control point.
+const ON_RIM: f64 = 4.0;
+
 /// The weight of a bridge over a hole against the target: it is a guess.
 const BRIDGE: f64 = 0.1;
 
@@ -57,6 +64,15 @@ const RELAX: f64 = 0.8;
 /// Distances under this, in diagonals, have no direction of their own.
 const COINCIDENT: f64 = 1e-7;
 
+/// Where in a fit a polish is.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Role {
+    /// Whether the surface comes straight from a template on the target.
+    pub approaches: bool,
+    /// Whether nothing comes after it.
+    pub finishes: bool,
+}
+
 /// Polishes one model against one target.
 pub(super) struct Polish<'a> {
     device: &'a Device,
@@ -71,9 +87,13 @@ pub(super) struct Polish<'a> {
     cutoff: f64,
     /// The schedule, after [`APPROACH`] where that is wanted.
     schedule: Vec<(f64, f64, usize)>,
+    finishes: bool,
     /// Area samples a side, and those of T.
     pub samples: usize,
     of_target: Samples,
+    /// Samples a rim, where rims are followed, and those of T's.
+    rim_samples: usize,
+    of_target_rim: Vec<RimPoint>,
     pub seed: u64,
 }
 
@@ -112,21 +132,26 @@ pub(super) struct Correspondence {
 impl<'a> Polish<'a> {
     /// Steps at most.
     pub fn steps(&self) -> usize {
-        self.schedule.iter().map(|s| s.2).sum::<usize>() + peaks::STEPS
+        let peaks = if self.finishes { peaks::STEPS } else { 0 };
+        self.schedule.iter().map(|s| s.2).sum::<usize>() + peaks
     }
 
-    /// `cage`: the squared Laplacian of the control mesh. `approaches`: whether the surface comes straight from a template on the target.
+    /// `cage`: the squared Laplacian of the control mesh.
     pub fn new(
         device: &'a Device,
         target: &'a Target,
         model: &'a Model,
         smoothness: &Smoothness,
         cage: &Csr,
-        approaches: bool,
+        role: Role,
         options: &Options,
     ) -> Self {
-        let approach = approaches.then_some(APPROACH);
+        let approach = role.approaches.then_some(APPROACH);
         let samples = (SAMPLES_PER_POINT * model.matrix.column_count).clamp(SAMPLES.0, SAMPLES.1);
+        let spacing = (target.mesh.area() / samples as f64).sqrt();
+        let rim_samples = target
+            .rim()
+            .map_or(0, |rim| (rim.length() / spacing).ceil() as usize);
         Self {
             device,
             target,
@@ -137,8 +162,13 @@ impl<'a> Polish<'a> {
             outliers: options.outliers,
             cutoff: f64::INFINITY,
             schedule: approach.into_iter().chain(SCHEDULE).collect(),
+            finishes: role.finishes,
             samples,
             of_target: target.samples(samples, options.seed),
+            rim_samples,
+            of_target_rim: target
+                .rim()
+                .map_or(Vec::new(), |rim| rim.samples(rim_samples)),
             seed: options.seed,
         }
     }
@@ -153,7 +183,7 @@ impl<'a> Polish<'a> {
         }
     }
 
-    /// Runs the schedule and flattens the peaks at its end. `observe` sees the state before each step and
+    /// Runs the schedule, and at the end of the fit flattens the peaks. `observe` sees the state before each step and
     /// returns whether to go on.
     ///
     /// # Errors
@@ -164,20 +194,24 @@ impl<'a> Polish<'a> {
         mut observe: impl FnMut(Step) -> bool,
     ) -> Result<()> {
         let mut done = 0;
+        let mut surface = self.surface(control_points)?;
         for stage in self.schedule.clone() {
             for _ in 0..stage.2 {
-                let surface = self.surface(control_points)?;
                 self.choose_outliers(&surface)?;
                 let found = self.correspond(&surface)?;
                 if !observe(found.step(done)) {
                     return Ok(());
                 }
                 self.solve(&surface, &found, self.weights(stage), control_points);
+                self.follow(&mut surface, control_points)?;
                 done += 1;
             }
         }
+        if !self.finishes {
+            return Ok(());
+        }
         let weights = self.weights(SCHEDULE[SCHEDULE.len() - 1]);
-        self.flatten_peaks(control_points, weights, done, observe)
+        self.flatten_peaks(surface, control_points, weights, done, observe)
     }
 
     /// The least squares with the footpoints of `found`, from `control_points` on.
@@ -223,6 +257,12 @@ impl<'a> Polish<'a> {
         })
     }
 
+    /// Brings the surface to other control points.
+    pub(super) fn follow(&self, surface: &mut Surface, control_points: &[DVec3]) -> Result<()> {
+        surface.mesh.positions = self.model.positions(control_points);
+        surface.tree.refit(&surface.mesh)
+    }
+
     /// Finds the distance from the surface beyond which the target's samples are left out.
     pub(super) fn choose_outliers(&mut self, surface: &Surface) -> Result<()> {
         if self.outliers > 0.0 {
@@ -236,22 +276,52 @@ impl<'a> Polish<'a> {
     /// Closest points both ways from samples spread evenly.
     pub(super) fn correspond(&self, surface: &Surface) -> Result<Correspondence> {
         let of_surface = sample_by_area(&surface.mesh, self.samples, self.seed + 1);
-        self.correspond_at(surface, &self.of_target, &of_surface)
+        let mut found = self.correspond_at(surface, &self.of_target, &of_surface, 0.0)?;
+        self.follow_rims(surface, &mut found);
+        Ok(found)
     }
 
-    /// Closest points both ways. Beyond open rims there are none: there the surface follows the regularizer.
+    /// Closest points of the rims both ways, where they are to be followed and the surface has one.
+    pub(super) fn follow_rims(&self, surface: &Surface, found: &mut Correspondence) {
+        let Some(target) = self.target.rim() else {
+            return;
+        };
+        let Some(of_surface) = Rim::of(&surface.mesh) else {
+            return;
+        };
+        let positions =
+            |points: &[RimPoint]| -> Vec<DVec3> { points.iter().map(|p| p.point).collect() };
+        let here = of_surface.samples(self.rim_samples);
+        let there = target.closest(&positions(&here));
+        let pulled = of_surface.closest(&positions(&self.of_target_rim));
+        let pairs = pulled.iter().zip(&self.of_target_rim);
+        for (from, to) in pairs.chain(here.iter().zip(&there)) {
+            found.footpoints.push(Footpoint {
+                triangle: from.on.triangle,
+                barycentric: from.on.barycentric,
+                goal: to.point,
+                normal: direction(to.point - from.point, from.tangent.any_orthonormal_vector()),
+                weight: ON_RIM / self.samples as f64,
+            });
+            found.distances.push(from.point.distance(to.point));
+        }
+    }
+
+    /// Closest points both ways; for samples no further than `enough`, any that is no further. Beyond open rims there are none: there the surface
+    /// follows the regularizer.
     pub(super) fn correspond_at(
         &self,
         surface: &Surface,
         of_target: &Samples,
         of_surface: &[SurfacePoint],
+        enough: f64,
     ) -> Result<Correspondence> {
         let mut found = Correspondence {
             folded: vec![false; self.stiffness.len()],
             ..Correspondence::default()
         };
-        self.pull_to_samples(surface, of_target, &mut found)?;
-        self.push_to_target(surface, of_surface, &mut found)?;
+        self.pull_to_samples(surface, of_target, enough, &mut found)?;
+        self.push_to_target(surface, of_surface, enough, &mut found)?;
         Ok(found)
     }
 
@@ -276,9 +346,10 @@ impl<'a> Polish<'a> {
         &self,
         surface: &Surface,
         samples: &Samples,
+        enough: f64,
         found: &mut Correspondence,
     ) -> Result<()> {
-        let closest = surface.tree.query(&samples.positions)?;
+        let closest = surface.tree.query_beyond(&samples.positions, enough)?;
         let samples = samples
             .positions
             .par_iter()
@@ -306,6 +377,7 @@ impl<'a> Polish<'a> {
         &self,
         surface: &Surface,
         samples: &[SurfacePoint],
+        enough: f64,
         found: &mut Correspondence,
     ) -> Result<()> {
         let mesh = &surface.mesh;
@@ -313,7 +385,7 @@ impl<'a> Polish<'a> {
             .par_iter()
             .map(|s| s.position(mesh.corners(s.triangle as usize)))
             .collect();
-        let closest = self.target.closest(&points)?;
+        let closest = self.target.closest_beyond(&points, enough)?;
         let pushed: Vec<(Footpoint, bool)> = closest
             .par_iter()
             .zip(samples.par_iter().zip(&points))

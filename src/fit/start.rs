@@ -1,8 +1,9 @@
 //! Where a fit starts: a template coarse enough to find its way, and how often it is subdivided on the way.
 
-use super::{Proximity, Start, Target};
+use super::Target;
 use crate::error::Result;
 use crate::mesh::{ControlMesh, Scheme};
+use crate::model;
 use crate::template::{self, Align, Axis, Genus};
 use glam::DVec3;
 
@@ -40,6 +41,20 @@ pub enum Template {
         /// Control points.
         control_points: usize,
     },
+    /// A network on the target that follows its curvature ([`template::adaptive`]): triangles. It is fitted as it is, without subdivision.
+    Adaptive {
+        /// Control points.
+        control_points: usize,
+        /// The seed of its first point.
+        seed: u64,
+    },
+    /// A network on the target's ridges and umbilics ([`template::ridges`]): triangles. It is fitted as it is, without subdivision.
+    Ridges {
+        /// Control points.
+        control_points: usize,
+        /// Whether edges are flipped along ridges of one colour.
+        flips: bool,
+    },
     /// A control mesh of the user's own. It is fitted as it is, without subdivision.
     Mesh {
         /// The mesh.
@@ -49,6 +64,30 @@ pub enum Template {
     },
 }
 
+/// Where a fit starts.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Start {
+    /// The control mesh, in the target's unit frame.
+    pub control: ControlMesh,
+    /// How often it is subdivided during the fit.
+    pub subdivisions: usize,
+    /// How near the target it is.
+    pub proximity: Proximity,
+}
+
+/// How near its target a template is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Proximity {
+    /// Around it somewhere, like a bounding box.
+    Far,
+    /// Of about its shape.
+    Near,
+    /// On it, with folds that Voronoi cells are to open.
+    Folded,
+    /// On it without folds: with the polish, closest points serve from the start.
+    Touching,
+}
+
 impl Start {
     /// The start for a template.
     ///
@@ -56,7 +95,7 @@ impl Start {
     /// into triangles.
     ///
     /// # Errors
-    /// As [`template::automatic`], [`template::torus`], [`template::simplified`] and [`template::placed`].
+    /// As [`template::automatic`], [`template::torus`], [`template::simplified`], [`template::adaptive`], [`template::ridges`] and [`template::placed`].
     pub fn new(target: &Target, template: &Template, scheme: Scheme) -> Result<Self> {
         let mut proximity = match template {
             Template::BoundingBox { .. } => Proximity::Far,
@@ -68,10 +107,11 @@ impl Start {
                 genus,
             } => {
                 let (count, subdivisions) = at_most(*control_points, MOST_AUTOMATIC);
-                let automatic = template::automatic(&target.mesh, count, *genus)?;
-                if automatic.sound {
-                    proximity = Proximity::Touching;
-                }
+                let automatic = template::automatic(&target.mesh, count, *genus, target.holes)?;
+                proximity = match automatic.sound {
+                    true => Proximity::Touching,
+                    false => Proximity::Folded,
+                };
                 (automatic.control, subdivisions)
             }
             Template::BoundingBox { control_points } => {
@@ -91,6 +131,22 @@ impl Start {
             }
             Template::Simplified { control_points } => {
                 (template::simplified(&target.mesh, *control_points)?, 0)
+            }
+            Template::Adaptive {
+                control_points,
+                seed,
+            } => {
+                let network =
+                    template::adaptive(&target.device, &target.mesh, *control_points, *seed)?;
+                (model::interpolating(&network, scheme)?, 0)
+            }
+            Template::Ridges {
+                control_points,
+                flips,
+            } => {
+                let network =
+                    template::ridges(&target.device, &target.mesh, *control_points, *flips)?;
+                (model::interpolating(&network, scheme)?, 0)
             }
             Template::Mesh { control, align } => {
                 let mut control = control.clone();
@@ -144,7 +200,6 @@ mod tests {
     use super::*;
     use crate::device::Device;
     use crate::mesh::{PolygonMesh, shapes};
-    use crate::model;
 
     fn end(target: &PolygonMesh, template: &Template, scheme: Scheme) -> usize {
         let target = Target::new(&Device::Cpu, &target.triangulate()).unwrap();

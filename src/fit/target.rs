@@ -7,10 +7,10 @@ use crate::kernel::candidates::Candidates;
 use crate::kernel::closest_point::ClosestPoints;
 use crate::kernel::restricted_voronoi::{self, Metric};
 use crate::kernel::vsdm::FixedSide;
-use crate::measure::Boundary;
+use crate::measure::{Boundary, Rim};
 use crate::mesh::sample::{SurfacePoint, sample_by_area};
 use crate::mesh::{Frame, TriangleMesh};
-use crate::topology;
+use crate::topology::{self, Holes};
 use glam::DVec3;
 use rayon::prelude::*;
 use std::collections::HashMap;
@@ -24,9 +24,9 @@ const LLOYD_STEPS: usize = 6;
 /// Triangles longer than this many cells are split, so that a triangle has few candidate seeds.
 const MAX_EDGE: f64 = 2.0;
 
-/// A target in the unit frame, its holes bridged.
+/// A target in the unit frame, its holes bridged unless the surface is to follow their rims.
 ///
-/// Voronoi cells have no notion of a rim: without a bridge the surface over a hole is drawn to its edges and folds.
+/// Voronoi cells have no notion of a rim: without a bridge a closed surface over a hole is drawn to its edges and folds.
 pub struct Target {
     /// From and to the input's coordinates.
     pub frame: Frame,
@@ -36,9 +36,15 @@ pub struct Target {
     bridge: Vec<bool>,
     /// `[triangles]`: how much it counts, 1 in the mean.
     pub(super) weights: Vec<f64>,
+    /// Where its closest points are found.
+    pub(super) device: Device,
     closest: ClosestPoints,
+    /// What has become of its holes.
+    pub holes: Holes,
     /// What is still open.
     boundary: Boundary,
+    /// The rims that the surface is to follow.
+    rim: Option<Rim>,
     decimated: TriangleMesh,
 }
 
@@ -91,17 +97,30 @@ impl Target {
     /// # Errors
     /// Where nothing with area is left, or the device fails.
     pub fn new(device: &Device, mesh: &TriangleMesh) -> Result<Self> {
-        Self::with_confidence(device, mesh, &[])
+        Self::with(device, mesh, &[], Holes::Bridge)
     }
 
     /// Like [`Self::new`], with a weight for every vertex by which the polish trusts it, or none for vertices that count alike.
     ///
     /// # Errors
-    /// As [`Self::new`], and where the weights are of another number, negative, not finite or all zero.
+    /// As [`Self::with`].
     pub fn with_confidence(
         device: &Device,
         mesh: &TriangleMesh,
         confidence: &[f64],
+    ) -> Result<Self> {
+        Self::with(device, mesh, confidence, Holes::Bridge)
+    }
+
+    /// Like [`Self::with_confidence`], with what becomes of holes: bridged, or their rims followed by surfaces that have a boundary.
+    ///
+    /// # Errors
+    /// As [`Self::new`], and where the weights are of another number, negative, not finite or all zero.
+    pub fn with(
+        device: &Device,
+        mesh: &TriangleMesh,
+        confidence: &[f64],
+        holes: Holes,
     ) -> Result<Self> {
         let frame = Frame::of(mesh)?;
         let confidence = Confidence::new(mesh, confidence)?;
@@ -111,7 +130,10 @@ impl Target {
             .iter_mut()
             .for_each(|p| *p = frame.to_unit(*p));
         let real = mesh.triangles.len();
-        mesh.triangles.extend(topology::fill_holes(&mesh));
+        mesh.triangles.extend(topology::fill_holes(&mesh, holes));
+        if holes == Holes::Follow && mesh.triangles.len() > real {
+            log::info!("holes less than 3.5 % of the diagonal around are bridged all the same");
+        }
         weights.resize(mesh.triangles.len(), 1.0);
         let centers: Vec<DVec3> = (0..mesh.triangles.len())
             .map(|t| mesh.corners(t).iter().sum::<DVec3>() / 3.0)
@@ -133,11 +155,22 @@ impl Target {
             frame,
             bridge,
             weights,
+            device: device.clone(),
             closest: ClosestPoints::new(device, &mesh)?,
+            holes,
             boundary: Boundary::of(&mesh),
+            rim: match holes {
+                Holes::Bridge | Holes::Leave => None,
+                Holes::Follow => Rim::of(&mesh),
+            },
             decimated,
             mesh,
         })
+    }
+
+    /// The rims that the surface is to follow, if it is to follow any.
+    pub fn rim(&self) -> Option<&Rim> {
+        self.rim.as_ref()
     }
 
     /// Closest points of the full target.
@@ -145,7 +178,12 @@ impl Target {
     /// # Errors
     /// Where the device fails.
     pub fn closest(&self, points: &[DVec3]) -> Result<Vec<TargetPoint>> {
-        let found = self.closest.query(points)?;
+        self.closest_beyond(points, 0.0)
+    }
+
+    /// The same of those points that are further than `enough` from the target; for the others any point of it that is no further.
+    pub(super) fn closest_beyond(&self, points: &[DVec3], enough: f64) -> Result<Vec<TargetPoint>> {
+        let found = self.closest.query_beyond(points, enough)?;
         Ok(found
             .into_par_iter()
             .map(|c| TargetPoint {

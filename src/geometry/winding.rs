@@ -8,7 +8,8 @@
 //!   4π w ≈ d·Σ aᵢ / r³ + (tr M − 3 dᵀ M d / r²) / r³, M = Σ (xᵢ − c) aᵢᵀ.
 //!
 //! **Practice.** A balanced binary tree over the triangles ([`super::triangle_tree`]); a cluster is taken as a whole from a distance of two of its radii, the triangles of
-//! a leaf exactly. The error is below 0.05 then, and a query takes about a microsecond.
+//! a leaf exactly. The error is below 0.04 then, far from any threshold, and a query takes about a microsecond; from three radii on it is below 0.01, and queries take
+//! three times as long.
 
 use super::triangle_tree::{Node, spatial_order};
 use crate::mesh::TriangleMesh;
@@ -218,7 +219,7 @@ mod tests {
             if depth.abs() > 2e-3 {
                 let expected = f64::from(u8::from(depth > 0.0));
                 let found = numbers.at(p);
-                assert!((found - expected).abs() < 0.05, "{p}: {found}");
+                assert!((found - expected).abs() < 0.04, "{p}: {found}");
                 inside += usize::from(depth > 0.0);
             }
         }

@@ -91,13 +91,33 @@ impl ClosestPoints {
         Ok(Self { bvh, resident })
     }
 
+    /// Follows the mesh when its vertices have moved; its triangles must be the same.
+    ///
+    /// # Errors
+    /// Where the device has no room.
+    pub fn refit(&mut self, mesh: &TriangleMesh) -> Result<()> {
+        self.bvh.refit(&mesh.positions, &mesh.triangles);
+        if let Some(resident) = &mut self.resident {
+            resident.write(&self.bvh)?;
+        }
+        Ok(())
+    }
+
     /// The closest point for each of `points`, in their order. On the CPU exact in f64, the same bits for any number of threads.
     ///
     /// # Errors
     /// Where the device fails.
     pub fn query(&self, points: &[DVec3]) -> Result<Vec<ClosestPoint>> {
+        self.query_beyond(points, 0.0)
+    }
+
+    /// The same of those points that are further than `enough` from the surface; for the others any point of the surface that is no further.
+    ///
+    /// # Errors
+    /// Where the device fails.
+    pub fn query_beyond(&self, points: &[DVec3], enough: f64) -> Result<Vec<ClosestPoint>> {
         match &self.resident {
-            None => Ok(self.bvh.closest_all(points)),
+            None => Ok(self.bvh.closest_beyond(points, enough)),
             Some(resident) => resident.query(&self.bvh, points),
         }
     }
@@ -113,12 +133,19 @@ struct Resident {
 
 impl Resident {
     fn new(gpu: &Gpu, bvh: &Bvh) -> Result<Self> {
-        let leaves: Vec<_> = bvh.leaves.iter().map(|leaf| local(bvh, leaf)).collect();
-        Ok(Self {
+        let mut resident = Self {
             gpu: gpu.clone(),
-            nodes: Buffer::from_slice(gpu, bytemuck::cast_slice(&bvh.nodes))?,
-            leaves: Buffer::from_slice(gpu, &leaves)?,
-        })
+            nodes: Buffer::zeroed(gpu, 0)?,
+            leaves: Buffer::zeroed(gpu, 0)?,
+        };
+        resident.write(bvh)?;
+        Ok(resident)
+    }
+
+    fn write(&mut self, bvh: &Bvh) -> Result<()> {
+        let leaves: Vec<_> = bvh.leaves.iter().map(|leaf| local(bvh, leaf)).collect();
+        self.nodes.write(bytemuck::cast_slice(&bvh.nodes))?;
+        self.leaves.write(&leaves)
     }
 
     fn query(&self, bvh: &Bvh, points: &[DVec3]) -> Result<Vec<ClosestPoint>> {

@@ -7,6 +7,7 @@ pub mod candidates;
 pub mod closest_point;
 pub mod differentiated_voronoi;
 pub mod element_energy;
+pub mod jet;
 pub mod limit_surface;
 pub mod restricted_voronoi;
 mod seed_tree;
@@ -58,6 +59,7 @@ pub trait Kernel {
 pub const SHADERS: &[&Shader] = &[
     &candidates::SHADER,
     &closest_point::SHADER,
+    &jet::SHADER,
     &limit_surface::SHADER,
     &restricted_voronoi::SHADER,
     &differentiated_voronoi::SHADER,

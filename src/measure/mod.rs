@@ -1,19 +1,26 @@
 //! How far surfaces are apart: sampled figures, and an interval that is certain to hold the Hausdorff distance. How good the elements of a
 //! volume are: scaled Jacobians, and certificates that they are nowhere inverted.
 
+mod cage;
 mod chebyshev;
 pub mod distance;
 mod hausdorff;
+mod rim;
 mod sampling;
 pub mod scaled_jacobian;
 pub mod surface_error;
 mod truncation;
 pub mod validity;
 
+pub(crate) use cage::share_facing_away;
+pub use cage::{Mended, least_angle};
 pub use distance::{Comparison, Options, compare};
 pub use hausdorff::Interval;
+pub use rim::{Rim, RimError, RimPoint, rim_error};
 pub use sampling::Figures;
-pub use surface_error::{Boundary, SurfaceError, covered, distances, point_error, surface_error};
+pub use surface_error::{
+    Boundary, SurfaceError, covered, distances, point_error, surface_error, surface_error_with,
+};
 
 /// Surfaces with known distances.
 #[cfg(test)]

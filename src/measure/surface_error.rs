@@ -11,7 +11,7 @@ use crate::error::Result;
 use crate::geometry::{Bvh, ClosestPoint};
 use crate::kernel::closest_point::ClosestPoints;
 use crate::mesh::TriangleMesh;
-use crate::topology;
+use crate::topology::{self, Holes};
 use glam::DVec3;
 use std::collections::HashMap;
 
@@ -46,13 +46,26 @@ pub fn surface_error(
     surface: &TriangleMesh,
     samples: usize,
 ) -> Result<SurfaceError> {
+    surface_error_with(target, surface, samples, Holes::Bridge)
+}
+
+/// The same for any kind of holes: of [`Holes::Follow`], what of the surface is beyond a rim counts as over a hole.
+///
+/// # Errors
+/// As [`surface_error`].
+pub fn surface_error_with(
+    target: &TriangleMesh,
+    surface: &TriangleMesh,
+    samples: usize,
+    holes: Holes,
+) -> Result<SurfaceError> {
     let mut forth = Sums::default();
     let tree = Bvh::new(&surface.positions, &surface.triangles)?;
     for_each_sample(target, &tree, samples, |closest, area| {
         forth.add(closest.distance_squared, area);
     })?;
     let (mut covered, mut over_holes) = (Sums::default(), Sums::default());
-    let bridged = Bridged::of(target)?;
+    let bridged = Bridged::of(target, holes)?;
     for_each_sample(surface, &bridged.tree, samples, |closest, area| {
         let part = match bridged.covers(closest) {
             true => &mut covered,
@@ -86,8 +99,8 @@ pub fn point_error(points: &[DVec3], surface: &TriangleMesh) -> Result<Figures> 
 ///
 /// # Errors
 /// Where the target has no triangle.
-pub fn covered(target: &TriangleMesh, points: &[DVec3]) -> Result<Vec<bool>> {
-    let bridged = Bridged::of(target)?;
+pub fn covered(target: &TriangleMesh, points: &[DVec3], holes: Holes) -> Result<Vec<bool>> {
+    let bridged = Bridged::of(target, holes)?;
     let closest = bridged.tree.closest_all(points);
     Ok(closest.iter().map(|c| bridged.covers(c)).collect())
 }
@@ -101,10 +114,10 @@ struct Bridged {
 }
 
 impl Bridged {
-    fn of(target: &TriangleMesh) -> Result<Self> {
+    fn of(target: &TriangleMesh, holes: Holes) -> Result<Self> {
         let mut mesh = topology::cleaned(target);
         let real = mesh.triangles.len();
-        mesh.triangles.extend(topology::fill_holes(&mesh));
+        mesh.triangles.extend(topology::fill_holes(&mesh, holes));
         Ok(Self {
             real,
             boundary: Boundary::of(&mesh),
@@ -172,6 +185,15 @@ impl Boundary {
                 .map(|t| t.map(|v| on_boundary[v as usize]))
                 .collect(),
         }
+    }
+
+    /// The boundary edges, each as its triangle and the corner there that it begins at.
+    pub fn edges(&self) -> impl Iterator<Item = (u32, usize)> {
+        let opposite = |(t, edges): (u32, &[bool; 3])| {
+            let edges = *edges;
+            (0..3).filter_map(move |k| edges[k].then_some((t, (k + 1) % 3)))
+        };
+        (0..).zip(&self.edges).flat_map(opposite)
     }
 
     /// Whether a closest point on this mesh lies on a boundary edge or at an end of one.

@@ -195,6 +195,34 @@ impl Connectivity {
             .is_some_and(|h| self.opposite(h).is_none())
     }
 
+    /// The vertices of each loop of the boundary, in order.
+    pub fn boundary_vertices(&self) -> Vec<Vec<u32>> {
+        let vertices = |half_edges: Vec<u32>| half_edges.iter().map(|&h| self.origin(h)).collect();
+        self.boundary_loops().into_iter().map(vertices).collect()
+    }
+
+    /// The half-edges of each loop of the boundary, in order; a loop begins with the first of its half-edges.
+    pub fn boundary_loops(&self) -> Vec<Vec<u32>> {
+        let is_boundary = |h: u32| self.opposite(h).is_none();
+        let mut seen = vec![false; self.half_edge_count()];
+        let mut loops = Vec::new();
+        for start in (0..self.half_edge_count() as u32).filter(|&h| is_boundary(h)) {
+            let mut border = Vec::new();
+            let mut h = start;
+            while !std::mem::replace(&mut seen[h as usize], true) {
+                border.push(h);
+                h = self.next(h);
+                while let Some(o) = self.opposite(h) {
+                    h = self.next(o);
+                }
+            }
+            if !border.is_empty() {
+                loops.push(border);
+            }
+        }
+        loops
+    }
+
     /// The half-edges that leave vertex `v`, one for each face around it, counter-clockwise, from one boundary to the other where there is one.
     pub fn around(&self, v: u32) -> impl Iterator<Item = u32> + '_ {
         let first = self.outgoing_of(v);
@@ -217,6 +245,34 @@ impl Connectivity {
     /// The edge between two vertices, if they are neighbours.
     pub fn edge_between(&self, a: u32, b: u32) -> Option<u32> {
         self.spokes(a).find(|s| s.1 == b).map(|s| s.0)
+    }
+
+    /// The faces that are connected with face `start` through edges, `start` first, among those that `belong`. Marks them as seen and leaves out what has been.
+    pub fn connected(
+        &self,
+        start: usize,
+        seen: &mut [bool],
+        belong: impl Fn(usize) -> bool,
+    ) -> Vec<usize> {
+        let mut found = vec![start];
+        seen[start] = true;
+        let mut next = 0;
+        while let Some(&f) = found.get(next) {
+            next += 1;
+            for o in self.half_edges(f).filter_map(|h| self.opposite(h)) {
+                let g = self.face_of(o) as usize;
+                if belong(g) && !std::mem::replace(&mut seen[g], true) {
+                    found.push(g);
+                }
+            }
+        }
+        found
+    }
+
+    /// Whether all faces are connected through edges.
+    pub fn is_connected(&self) -> bool {
+        let mut seen = vec![false; self.face_count()];
+        seen.is_empty() || self.connected(0, &mut seen, |_| true).len() == seen.len()
     }
 
     /// V − E + F over the vertices that a face uses: 2 − 2g for a closed surface of genus g.

@@ -6,12 +6,15 @@
 //! of the form M P too.
 
 pub mod element;
+mod interpolation;
 mod limit;
 pub mod limit_surface;
 mod refinement;
 #[cfg(test)]
 mod tests;
 pub mod volume;
+
+pub use interpolation::interpolating;
 
 use crate::error::{Error, Result};
 use crate::kernel::sparse::Csr;

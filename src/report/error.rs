@@ -1,6 +1,6 @@
 //! Distances between surfaces as a report states them: in input units and in percent of the diagonal.
 
-use crate::measure::{self, Comparison, Interval, SurfaceError};
+use crate::measure::{self, Comparison, Interval, RimError, SurfaceError};
 use serde::Serialize;
 
 /// How far two surfaces are apart.
@@ -33,6 +33,18 @@ pub struct ErrorReport {
     /// The part of a fitted surface that spans holes of the target; absent where there is none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub over_holes: Option<OverHoles>,
+    /// Between the boundary curves of target and surface, where those are followed (`--open`).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rims: Option<RimReport>,
+}
+
+/// How far boundary curves are apart.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct RimReport {
+    /// From the target's to the surface's.
+    pub target_to_surface: Figures,
+    /// From the surface's to the target's.
+    pub surface_to_target: Figures,
 }
 
 /// One direction.
@@ -97,6 +109,19 @@ impl ErrorReport {
         }
     }
 
+    /// With the distances between the rims, in the unit frame of a target with this diagonal.
+    pub fn with_rims(self, rims: Option<RimError>, diagonal: f64) -> Self {
+        let figures = |figures| Figures::new(figures, diagonal, diagonal);
+        let report = |rims: RimError| RimReport {
+            target_to_surface: figures(rims.target_to_surface),
+            surface_to_target: figures(rims.surface_to_target),
+        };
+        Self {
+            rims: rims.map(report),
+            ..self
+        }
+    }
+
     /// The error of a fit, measured in the unit frame of a target with this diagonal.
     pub fn of_fit(error: &SurfaceError, diagonal: f64) -> Self {
         let [forth, back] = [error.target_to_surface, error.surface_to_target]
@@ -145,6 +170,7 @@ impl ErrorReport {
             surface_to_target: Some(back),
             data_to_limit: None,
             over_holes: None,
+            rims: None,
         }
     }
 }

@@ -8,7 +8,7 @@ mod numbers;
 pub mod page;
 mod settings;
 
-pub use error::{Directed, ErrorReport, Figures, OverHoles};
+pub use error::{Directed, ErrorReport, Figures, OverHoles, RimReport};
 pub use numbers::{count, significant};
 pub use settings::{Settings, VolumeSettings};
 
@@ -49,9 +49,15 @@ pub struct Report {
     /// The size of the result or, for `compare`, of B.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub result: Option<ResultReport>,
+    /// The features that were found (`features`).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub features: Option<FeatureReport>,
     /// How far they are apart.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub error: Option<ErrorReport>,
+    /// How good a fitted surface is to go on working with.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub cage: Option<CageReport>,
     /// How good the elements of a volume are.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub quality: Option<QualityReport>,
@@ -87,7 +93,9 @@ impl Report {
             volume_settings: None,
             target: None,
             result: None,
+            features: None,
             error: None,
+            cage: None,
             quality: None,
             iterations: None,
             converged: None,
@@ -213,8 +221,85 @@ pub struct ResultReport {
     pub nodes: Option<usize>,
 }
 
+/// How many features of each sort, and how strong.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct FeatureReport {
+    /// The radius of the neighbourhoods, in percent of the diagonal.
+    pub scale_percent: f64,
+    /// Ridges by colour: red, blue, yellow, green.
+    pub ridges: [LineReport; 4],
+    /// Sharp edges, which are not counted among the ridges.
+    pub sharp_edges: LineReport,
+    /// Umbilics with three ridges.
+    pub elliptic_umbilics: usize,
+    /// Umbilics with one ridge.
+    pub hyperbolic_umbilics: usize,
+    /// Crossings of ridges, and corners of sharp edges.
+    pub crossings: usize,
+    /// Where ridges change between elliptic and hyperbolic.
+    pub turning_points: usize,
+    /// The points chosen for control points.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sites: Option<SiteReport>,
+}
+
+/// Lines of a sort.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct LineReport {
+    /// How many.
+    pub count: usize,
+    /// Their length in all, in input units.
+    pub length: f64,
+    /// Their strength in all.
+    pub strength: f64,
+}
+
+/// The points chosen for control points, by what they are, and the thresholds that came of it.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct SiteReport {
+    /// All of them.
+    pub count: usize,
+    /// Umbilics.
+    pub umbilics: usize,
+    /// Crossings.
+    pub crossings: usize,
+    /// Points along lines.
+    pub on_lines: usize,
+    /// Vertices that fill what is left.
+    pub fill: usize,
+    /// The least strength of a crossing.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub least_strength: Option<f64>,
+    /// The least curvature of an umbilic.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub least_curvature: Option<f64>,
+}
+
 const fn is_zero(count: &usize) -> bool {
     *count == 0
+}
+
+/// How good a fitted surface is to go on working with.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct CageReport {
+    /// V − E + F of the control mesh.
+    pub euler_characteristic: i64,
+    /// The same of the target, where that is one connected manifold, closed or with boundaries that are followed.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub target_euler_characteristic: Option<i64>,
+    /// The smallest angle of the control mesh, in degrees.
+    pub least_angle: f64,
+    /// The share of the dense surface that faces away from the target, in percent of what lies over it; absent where the target is a cloud of points.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub folded_percent: Option<f64>,
+}
+
+impl CageReport {
+    /// Whether it has the handles and boundaries of its target, as far as is known.
+    pub fn has_targets_topology(&self) -> bool {
+        self.target_euler_characteristic
+            .is_none_or(|target| target == self.euler_characteristic)
+    }
 }
 
 /// How good the elements of a volume are.

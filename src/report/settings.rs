@@ -3,18 +3,22 @@
 use crate::fit::{self, geometric};
 use crate::mesh::Scheme;
 use crate::model::element::{Basis, Rule};
+use crate::topology::Holes;
 use serde::Serialize;
 
 /// The settings of a fit, defaults included, in the words of the command line.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Settings {
-    /// "vsdm" or "geometric".
+    /// "vsdm", "geometric" or "interpolate".
     pub method: &'static str,
-    /// "bbox", "torus", "simplify", or the file.
+    /// "bbox", "torus", "simplify", "ridges", "adaptive", or the file.
     pub template: String,
     /// Control points asked for; absent where the template has its own.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub control_points: Option<usize>,
+    /// What becomes of the target's holes: "bridge" or "follow".
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub holes: Option<Holes>,
     /// "catmull-clark", "loop" or "polygon".
     pub scheme: &'static str,
     /// Subdivisions from control mesh to surface vertices.
@@ -33,6 +37,9 @@ pub struct Settings {
     /// How the geometric method moves control points: "displacement" or "least-squares".
     #[serde(skip_serializing_if = "Option::is_none")]
     pub step: Option<&'static str>,
+    /// How often the edges of the template are halved before interpolation.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub refinements: Option<usize>,
     /// Points spread over the target that are fitted to, where not its vertices.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub samples: Option<usize>,
@@ -57,11 +64,17 @@ pub struct Settings {
 
 impl Settings {
     /// The settings of a fit by Voronoi squared distances with a template of this name.
-    pub fn new(template: String, control_points: Option<usize>, options: &fit::Options) -> Self {
+    pub fn new(
+        template: String,
+        control_points: Option<usize>,
+        holes: Holes,
+        options: &fit::Options,
+    ) -> Self {
         Self {
             method: "vsdm",
             template,
             control_points,
+            holes: Some(holes),
             scheme: match options.scheme {
                 Scheme::CatmullClark => "catmull-clark",
                 Scheme::Loop => "loop",
@@ -73,6 +86,7 @@ impl Settings {
             anisotropy: options.anisotropy,
             polish: Some(options.polish),
             step: None,
+            refinements: None,
             samples: None,
             max_control_points: None,
             max_error_percent: percent(options.max_error),
@@ -95,6 +109,7 @@ impl Settings {
             method: "geometric",
             template,
             control_points,
+            holes: None,
             scheme: "loop",
             levels: options.levels,
             limit: true,
@@ -105,11 +120,42 @@ impl Settings {
                 geometric::Step::Displacement => "displacement",
                 geometric::Step::LeastSquares => "least-squares",
             }),
+            refinements: None,
             samples,
             max_control_points: options.max_control_points,
             max_error_percent: percent(options.max_error),
             mean_error_percent: percent(options.mean_error),
             iterations: options.iterations,
+            outliers_percent: None,
+            seed,
+        }
+    }
+
+    /// The settings of an interpolation of a template of this name.
+    pub fn of_interpolation(
+        template: String,
+        control_points: Option<usize>,
+        options: fit::Interpolation,
+        seed: u64,
+    ) -> Self {
+        Self {
+            method: "interpolate",
+            template,
+            control_points,
+            holes: None,
+            scheme: "loop",
+            levels: options.levels,
+            limit: true,
+            smoothness: None,
+            anisotropy: None,
+            polish: None,
+            step: None,
+            refinements: Some(options.refinements),
+            samples: None,
+            max_control_points: None,
+            max_error_percent: None,
+            mean_error_percent: None,
+            iterations: None,
             outliers_percent: None,
             seed,
         }

@@ -1,17 +1,19 @@
 //! Templates: where a model starts and how it is connected.
 //!
 //! [`automatic`] for anything that encloses something, [`bounding_box`] for targets like a ball, [`torus`] for those with one hole, [`simplified`] for any
-//! target of triangles, [`placed`] for a mesh of the user's own. All work in
+//! target of triangles, [`adaptive`] and [`ridges`] for triangles on it whose points are where they tell most, [`placed`] for a mesh of the user's own. All work in
 //! the coordinates of what they are given; a fit gives them its unit frame.
 
 mod align;
 mod auto;
 mod hole;
+mod network;
 mod torus;
 pub mod volume;
 
 pub use align::alignment;
 pub use auto::{Automatic, Genus, automatic, skin};
+pub use network::{adaptive, ridges};
 pub use torus::{Axis, torus};
 
 use crate::error::{Error, Result};
@@ -72,6 +74,19 @@ fn box_cells(size: DVec3, control_points: usize) -> [u32; 3] {
 /// # Errors
 /// Where the target cannot be simplified so far without changing its topology, as a soup of triangles cannot.
 pub fn simplified(target: &TriangleMesh, control_points: usize) -> Result<ControlMesh> {
+    let (control, is_reached) = simplified_towards(target, control_points);
+    if !is_reached {
+        let reached = control.mesh.positions.len();
+        return Err(Error::input(
+            format!("simplified to {control_points} vertices the target would change its topology"),
+            format!("ask for {reached} control points or more, or mend the target"),
+        ));
+    }
+    Ok(control)
+}
+
+/// Like [`simplified`], but only as far as the target's topology allows. Also returns whether that is as far as asked for.
+pub fn simplified_towards(target: &TriangleMesh, control_points: usize) -> (ControlMesh, bool) {
     let to = |count| topology::simplify(target, topology::Target::Vertices(count));
     let mut simplified = to(control_points);
     let mut manifold = topology::manifold(&simplified.mesh);
@@ -85,13 +100,7 @@ pub fn simplified(target: &TriangleMesh, control_points: usize) -> Result<Contro
         "simplified to {reached} control points, at most {:.3e} from the planes that they stand for",
         simplified.deviation
     );
-    if !simplified.reached {
-        return Err(Error::input(
-            format!("simplified to {control_points} vertices the target would change its topology"),
-            format!("ask for {reached} control points or more, or mend the target"),
-        ));
-    }
-    Ok(PolygonMesh::from(manifold.mesh).into())
+    (PolygonMesh::from(manifold.mesh).into(), simplified.reached)
 }
 
 /// How a template from a file is brought onto the target.

@@ -6,7 +6,7 @@ use glam::DVec3;
 
 /// The mesh with equal positions merged, triangles that then repeat a vertex or another triangle dropped, and unreferenced vertices dropped.
 ///
-/// Positions are equal where their numbers are (no tolerance: a scan's own spacing is not known here). Triangles repeat each other where they
+/// Positions are equal where only rounding parts them, as for [`crate::mesh::weld`]. Triangles repeat each other where they
 /// have the same three vertices in any order; the first one stays. A triangle without area whose vertices differ stays too: without it a
 /// closed mesh would be open. What stays keeps its order and its bits. Indices must be in range. O(vertices + triangles).
 pub fn cleaned(mesh: &TriangleMesh) -> TriangleMesh {

@@ -7,18 +7,37 @@ use crate::mesh::TriangleMesh;
 use glam::DVec3;
 use std::collections::HashMap;
 
-/// Boundary loops up to this length, in diagonals of the bounding box, are holes; longer ones are the outlines of an open
-/// surface.
-const LONGEST_HOLE: f64 = 1.0;
+/// Which boundary loops are holes to be filled; the others are outlines of an open surface.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Holes {
+    /// Loops up to a diagonal of the bounding box around: a scan of something closed.
+    #[default]
+    Bridge,
+    /// Only what is less than 3.5 % of the diagonal around, or four and a half cells of the grid that templates come from: a surface with rims.
+    Follow,
+    /// Nothing: of several scans that overlap, what is a hole in one is mostly there in another.
+    Leave,
+}
 
-/// Triangles that close the holes of a mesh: its boundary loops up to the length of its bounding box's diagonal. Loops that
-/// touch themselves are left open.
+impl Holes {
+    /// In diagonals.
+    const fn longest(self) -> f64 {
+        match self {
+            Self::Bridge => 1.0,
+            Self::Follow => 4.5 / 128.0,
+            Self::Leave => 0.0,
+        }
+    }
+}
+
+/// Triangles that close the holes of a mesh. Loops that touch themselves are left open.
 ///
 /// Equal positions should be merged first ([`crate::mesh::weld`]), or every seam is a hole.
-pub fn fill_holes(mesh: &TriangleMesh) -> Vec<[u32; 3]> {
+pub fn fill_holes(mesh: &TriangleMesh, holes: Holes) -> Vec<[u32; 3]> {
     let longest = mesh
         .bounding_box()
-        .map_or(0.0, |(lo, hi)| LONGEST_HOLE * (hi - lo).length());
+        .map_or(0.0, |(lo, hi)| holes.longest() * (hi - lo).length());
     let at = |v: u32| mesh.positions[v as usize];
     let length = |l: &[u32]| -> f64 {
         (0..l.len())
@@ -110,7 +129,8 @@ mod tests {
             })
         });
         assert!(sphere.triangles.len() < whole - 20);
-        let filled = fill_holes(&sphere);
+        assert!(fill_holes(&sphere, Holes::Follow).is_empty());
+        let filled = fill_holes(&sphere, Holes::Bridge);
         sphere.triangles.extend(filled);
         assert!(boundary_loops(&sphere).is_empty());
         // Flat caps: a little less than the sphere, and nothing folded outwards.
@@ -123,7 +143,7 @@ mod tests {
             positions: vec![DVec3::ZERO, DVec3::X, DVec3::Y],
             triangles: vec![[0, 1, 2]],
         };
-        assert!(fill_holes(&sheet).is_empty());
-        assert!(fill_holes(&TriangleMesh::default()).is_empty());
+        assert!(fill_holes(&sheet, Holes::Bridge).is_empty());
+        assert!(fill_holes(&TriangleMesh::default(), Holes::Bridge).is_empty());
     }
 }

@@ -1,4 +1,4 @@
-//! Edge flips on a triangle control mesh: towards regular valences, then away from small angles.
+//! Edge flips on a triangle control mesh: towards regular valences, then away from small angles; and along ridges.
 //!
 //! **Theory** \[NMM08, section 5\]. A flip replaces the edge between two faces by the other diagonal of their quadrilateral. R = Σ (valence −
 //! optimal)², optimal 6 inside and 4 on the boundary, falls with every flip for valence, and the sorted angles rise with every flip for angles, so both
@@ -9,7 +9,7 @@
 //! one it would become a corner of the surface.
 
 use super::split::check_triangles;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::mesh::{Connectivity, ControlMesh, PolygonMesh};
 use glam::{DVec2, DVec3};
 
@@ -74,6 +74,32 @@ pub fn flip_for_angles(control: &mut ControlMesh) -> Result<Vec<Flip>> {
     flip_all(control, |mesh, h, positions| {
         let quad = mesh.quad(h);
         least_angle(turned(quad), positions) > least_angle(quad, positions) + RISE
+    })
+}
+
+/// Lays edges along ridges \[MKJK15, algorithm 2\]: flips those whose ends have less in common than the two vertices across, until there is none. Returns the flips in order.
+///
+/// `colors`: `[control points]`, a bit for every kind of ridge through each, the more telling kind the higher bit. The paper flips all; here, as above, what
+/// would fold or make a sliver stays.
+///
+/// # Errors
+/// As [`flip_for_valence`], and where there is not one code for each control point.
+pub fn flip_for_colors(control: &mut ControlMesh, colors: &[u8]) -> Result<Vec<Flip>> {
+    let count = control.mesh.positions.len();
+    if colors.len() != count {
+        return Err(Error::input(
+            format!(
+                "there are {} colours for {count} control points",
+                colors.len()
+            ),
+            "give one for each",
+        ));
+    }
+    flip_all(control, |mesh, h, positions| {
+        let quad = mesh.quad(h);
+        let [a, b, c, d] = quad.map(|v| colors[v as usize]);
+        a & b < c & d
+            && least_angle(turned(quad), positions) >= LEAST_ANGLE.min(least_angle(quad, positions))
     })
 }
 
@@ -318,6 +344,7 @@ fn sorted([a, b]: [u32; 2]) -> [u32; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::random::Random;
     use crate::mesh::{Crease, shapes};
 
     /// A flat strip of points: two rows of `n`, joined by triangles.
@@ -439,5 +466,39 @@ mod tests {
         let mut quads = ControlMesh::from(shapes::torus(3.0, 1.0, 8, 6));
         let error = flip_for_valence(&mut quads).expect_err("quads");
         assert!(error.to_string().contains("face 0 has 4 corners"));
+    }
+
+    #[test]
+    fn flips_along_colours_gain_and_never_fold() {
+        let mut random = Random::new(1);
+        let ball: ControlMesh = PolygonMesh::from(shapes::lobed_ball(3)).into();
+        let count = ball.mesh.positions.len();
+        assert!(flip_for_colors(&mut ball.clone(), &vec![8; count - 1]).is_err());
+        assert!(
+            flip_for_colors(&mut ball.clone(), &vec![8; count])
+                .unwrap()
+                .is_empty()
+        );
+        let common = |control: &ControlMesh, colors: &[u8]| -> (u64, Connectivity) {
+            let mesh = Connectivity::of(&control.mesh).unwrap();
+            let edges = (0..mesh.edge_count() as u32).map(|e| mesh.ends(e));
+            let sum = edges.map(|[a, b]| u64::from(colors[a as usize] & colors[b as usize]));
+            (sum.sum(), mesh)
+        };
+        for _ in 0..5 {
+            let colors: Vec<u8> = (0..count).map(|_| random.below(16) as u8).collect();
+            let mut flipped = ball.clone();
+            let flips = flip_for_colors(&mut flipped, &colors).unwrap();
+            let ((before, _), (after, mesh)) = (common(&ball, &colors), common(&flipped, &colors));
+            mesh.validate().unwrap();
+            assert!(flips.len() > 50 && after >= before + flips.len() as u64);
+            for face in mesh.faces() {
+                let [a, b, c] = [0, 1, 2].map(|k| flipped.mesh.positions[face[k] as usize]);
+                assert!(
+                    (b - a).cross(c - a).dot(a + b + c) > 0.0,
+                    "a face is turned inwards"
+                );
+            }
+        }
     }
 }

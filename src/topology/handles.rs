@@ -11,9 +11,9 @@ use glam::DVec3;
 /// How far the ends of a cut are drawn in, as a share of the way to the middle of the triangles there.
 const DRAWN_IN: f64 = 0.2;
 
-/// A closed triangle mesh without its handles and tunnels of three edges that are together at most `longest`, the shortest first, and how many those were.
+/// A triangle mesh without its handles and tunnels of three edges that are together at most `longest`, the shortest first, and how many those were.
 ///
-/// Loops that separate the surface stay, whatever their length. O(n) for each handle.
+/// Loops that separate the surface or touch its boundary stay, whatever their length. O(n) for each handle.
 ///
 /// # Errors
 /// Where the mesh is no oriented manifold.
@@ -33,7 +33,7 @@ pub fn cut_handles(mesh: &TriangleMesh, longest: f64) -> Result<(TriangleMesh, u
     }
 }
 
-/// The loops of three edges that bound no triangle and are not longer than `longest`, the shortest first.
+/// The loops of three edges inside the surface that bound no triangle and are not longer than `longest`, the shortest first.
 fn short_loops(mesh: &TriangleMesh, connectivity: &Connectivity, longest: f64) -> Vec<[u32; 3]> {
     let at = |v: u32| mesh.positions[v as usize];
     let mut loops = Vec::new();
@@ -43,6 +43,12 @@ fn short_loops(mesh: &TriangleMesh, connectivity: &Connectivity, longest: f64) -
         for (_, c) in connectivity.spokes(a) {
             // Each loop once, from its edge of the two smallest vertices.
             if c < a.max(b) || !beside.contains(&c) || has_triangle(connectivity, [a, b, c]) {
+                continue;
+            }
+            if [a, b, c]
+                .iter()
+                .any(|&v| connectivity.is_boundary_vertex(v))
+            {
                 continue;
             }
             let length = at(a).distance(at(b)) + at(b).distance(at(c)) + at(c).distance(at(a));
@@ -66,7 +72,6 @@ fn has_triangle(connectivity: &Connectivity, [a, b, c]: [u32; 3]) -> bool {
 /// The mesh cut along a loop with both ends closed, unless the loop separates it.
 fn cut(mesh: &TriangleMesh, connectivity: &Connectivity, cycle: [u32; 3]) -> Option<TriangleMesh> {
     let mut result = mesh.clone();
-    let mut left = Vec::new();
     let mut copies = [0; 3];
     for k in 0..3 {
         let (v, next, previous) = (cycle[k], cycle[(k + 1) % 3], cycle[(k + 2) % 3]);
@@ -81,7 +86,6 @@ fn cut(mesh: &TriangleMesh, connectivity: &Connectivity, cycle: [u32; 3]) -> Opt
                 break;
             }
             let f = connectivity.face_of(h) as usize;
-            left.push(f);
             for corner in result.triangles[f].iter_mut().filter(|c| **c == v) {
                 *corner = copies[k];
             }
@@ -92,8 +96,8 @@ fn cut(mesh: &TriangleMesh, connectivity: &Connectivity, cycle: [u32; 3]) -> Opt
     }
     let [a, b, c] = copies;
     result.triangles.extend([[c, b, a], cycle]);
-    let start = *left.first()?;
-    is_one_piece(&result, start).then(|| compacted(&result.positions, result.triangles))
+    let is_one_piece = Connectivity::of(&result.clone().into()).is_ok_and(|c| c.is_connected());
+    is_one_piece.then(|| compacted(&result.positions, result.triangles))
 }
 
 /// Moves a vertex a little into its own side: the two sides must not be in the same place, where they would be merged again.
@@ -104,30 +108,6 @@ fn draw_in(mesh: &mut TriangleMesh, v: u32) {
     });
     let p = &mut mesh.positions[v as usize];
     *p += DRAWN_IN * (sum / f64::from(count.max(1)) - *p);
-}
-
-/// Whether all triangles are connected through edges with one of them.
-fn is_one_piece(mesh: &TriangleMesh, start: usize) -> bool {
-    let Ok(connectivity) = Connectivity::of(&mesh.clone().into()) else {
-        return false;
-    };
-    let mut seen = vec![false; mesh.triangles.len()];
-    seen[start] = true;
-    let mut pending = vec![start];
-    let mut count = 0;
-    while let Some(f) = pending.pop() {
-        count += 1;
-        for o in connectivity
-            .half_edges(f)
-            .filter_map(|h| connectivity.opposite(h))
-        {
-            let g = connectivity.face_of(o) as usize;
-            if !std::mem::replace(&mut seen[g], true) {
-                pending.push(g);
-            }
-        }
-    }
-    count == mesh.triangles.len()
 }
 
 #[cfg(test)]

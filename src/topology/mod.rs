@@ -13,8 +13,8 @@ pub mod simplify;
 pub mod split;
 
 pub use clean::cleaned;
-pub use fill::fill_holes;
-pub use flip::{Flip, flip_for_angles, flip_for_valence};
+pub use fill::{Holes, fill_holes};
+pub use flip::{Flip, flip_for_angles, flip_for_colors, flip_for_valence};
 pub use handles::cut_handles;
 pub use manifold::{Manifold, manifold};
 pub use orient::oriented;

@@ -1,5 +1,6 @@
 //! What a geometric fit is to reach: points, in the unit frame.
 
+use crate::device::Device;
 use crate::error::{Error, Result};
 use crate::geometry::morton;
 use crate::mesh::sample::sample_by_area;
@@ -12,11 +13,29 @@ use glam::DVec3;
 const SHARE: f64 = 0.02;
 const FEWEST: usize = 50;
 
+/// Points to an edge of the target's boundary, its first vertex among them. With the vertices alone, the surface's boundary bulges between them.
+const POINTS_TO_AN_EDGE: u32 = 4;
+
 /// Where a geometric fit starts, in the target's coordinates.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Start {
-    /// The target itself, simplified to so many control points; by default to 2 % of its vertices.
+    /// The target itself, simplified to so many control points; by default to 2 % of its vertices and as many more as its boundary
+    /// has, without which jagged rims are not found again, or as far as its topology allows.
     Simplified(Option<usize>),
+    /// A network on the target that follows its curvature ([`template::adaptive`]); of so many control points, or as many as above.
+    Adaptive {
+        /// Control points.
+        control_points: Option<usize>,
+        /// The seed of its first point.
+        seed: u64,
+    },
+    /// A network on the target's ridges and umbilics ([`template::ridges`]).
+    Ridges {
+        /// Control points.
+        control_points: Option<usize>,
+        /// Whether edges are flipped along ridges of one colour.
+        flips: bool,
+    },
     /// A control mesh of triangles.
     Mesh {
         /// The mesh.
@@ -33,14 +52,16 @@ pub struct Data {
     pub frame: Frame,
     /// `[points]`.
     pub points: Vec<DVec3>,
-    /// `[points]`: whether it lies on the boundary of the target, and so belongs to the boundary of the surface.
-    pub on_boundary: Vec<bool>,
+    /// `[points]`: the loop of the target's boundary that it lies on, if any, by number from 0.
+    pub rims: Vec<Option<u32>>,
+    /// The loops of the target's boundary: the vertices of each, in order.
+    pub(super) loops: Vec<Vec<DVec3>>,
     /// The target in the unit frame, an oriented manifold; a cloud of points has none.
     mesh: Option<TriangleMesh>,
 }
 
 impl Data {
-    /// The vertices of a mesh or, with `samples`, so many points spread evenly over its area and the vertices of its boundary.
+    /// The vertices of a mesh or, with `samples`, so many points spread evenly over its area; and in both cases points along its boundary, four to an edge.
     ///
     /// Equal positions are merged first, and where the mesh is no oriented manifold it is cut ([`topology::manifold`]); cuts count as
     /// boundaries.
@@ -53,21 +74,29 @@ impl Data {
         let to_unit = |p: &mut DVec3| *p = frame.to_unit(*p);
         mesh.positions.iter_mut().for_each(to_unit);
         let connectivity = Connectivity::of(&mesh.clone().into())?;
-        let is_boundary = |v: usize| connectivity.is_boundary_vertex(v as u32);
-        let vertices = mesh.positions.iter().enumerate();
-        let mut points: Vec<(DVec3, bool)> = vertices
-            .map(|(v, &p)| (p, is_boundary(v)))
-            .filter(|&(_, on_boundary)| samples.is_none() || on_boundary)
+        let mut points: Vec<(DVec3, Option<u32>)> = match samples {
+            None => (0..mesh.positions.len())
+                .filter(|&v| !connectivity.is_boundary_vertex(v as u32))
+                .map(|v| (mesh.positions[v], None))
+                .collect(),
+            Some(count) => sample_by_area(&mesh, count, seed)
+                .iter()
+                .map(|s| (s.position(mesh.corners(s.triangle as usize)), None))
+                .collect(),
+        };
+        let at = |v: u32| mesh.positions[v as usize];
+        let loops: Vec<Vec<DVec3>> = (connectivity.boundary_vertices().into_iter())
+            .map(|vertices| vertices.into_iter().map(at).collect())
             .collect();
-        if let Some(count) = samples {
-            let spread = sample_by_area(&mesh, count, seed);
-            points.extend(
-                spread
-                    .iter()
-                    .map(|s| (s.position(mesh.corners(s.triangle as usize)), false)),
-            );
+        for (rim, vertices) in loops.iter().enumerate() {
+            for (k, &a) in vertices.iter().enumerate() {
+                let b = vertices[(k + 1) % vertices.len()];
+                let along = |k| a.lerp(b, f64::from(k) / f64::from(POINTS_TO_AN_EDGE));
+                points.extend((0..POINTS_TO_AN_EDGE).map(|k| (along(k), Some(rim as u32))));
+            }
         }
         Ok(Self {
+            loops,
             mesh: Some(mesh),
             ..Self::ordered(frame, &points)
         })
@@ -79,25 +108,40 @@ impl Data {
     /// Where there are none, or their bounding box has no extent.
     pub fn of_points(points: &[DVec3]) -> Result<Self> {
         let frame = Frame::of_points(points)?;
-        let points: Vec<_> = points.iter().map(|&p| (frame.to_unit(p), false)).collect();
+        let points: Vec<_> = points.iter().map(|&p| (frame.to_unit(p), None)).collect();
         Ok(Self::ordered(frame, &points))
     }
 
     /// The control mesh that a fit starts from, in the unit frame.
     ///
     /// # Errors
-    /// As [`template::simplified`] and [`template::placed`]; also where a cloud of points is to be simplified.
-    pub fn control_mesh(&self, start: &Start) -> Result<ControlMesh> {
-        match (start, &self.mesh) {
-            (Start::Simplified(count), Some(mesh)) => {
-                let share = (SHARE * mesh.positions.len() as f64) as usize;
-                template::simplified(mesh, count.unwrap_or(share.max(FEWEST)))
+    /// As [`template::simplified`], [`template::adaptive`], [`template::ridges`] and [`template::placed`]; also where a cloud of points is to be simplified.
+    pub fn control_mesh(&self, device: &Device, start: &Start) -> Result<ControlMesh> {
+        match start {
+            Start::Simplified(count) => {
+                let mesh = self.triangles()?;
+                match count {
+                    Some(count) => template::simplified(mesh, *count),
+                    None => Ok(template::simplified_towards(mesh, self.usual_count(mesh)).0),
+                }
             }
-            (Start::Simplified(_), None) => Err(Error::input(
-                "a cloud of points has no triangles that could be simplified",
-                "give a control mesh near the points with --template FILE",
-            )),
-            (Start::Mesh { control, align }, _) => {
+            Start::Adaptive {
+                control_points,
+                seed,
+            } => {
+                let mesh = self.triangles()?;
+                let count = control_points.unwrap_or_else(|| self.usual_count(mesh));
+                template::adaptive(device, mesh, count, *seed)
+            }
+            Start::Ridges {
+                control_points,
+                flips,
+            } => {
+                let mesh = self.triangles()?;
+                let count = control_points.unwrap_or_else(|| self.usual_count(mesh));
+                template::ridges(device, mesh, count, *flips)
+            }
+            Start::Mesh { control, align } => {
                 let mut control = control.clone();
                 for p in &mut control.mesh.positions {
                     *p = self.frame.to_unit(*p);
@@ -108,6 +152,21 @@ impl Data {
                 Ok(placed)
             }
         }
+    }
+
+    /// Control points where nothing else is asked for.
+    fn usual_count(&self, mesh: &TriangleMesh) -> usize {
+        let rims: usize = self.loops.iter().map(Vec::len).sum();
+        FEWEST.max((SHARE * mesh.positions.len() as f64) as usize) + rims
+    }
+
+    fn triangles(&self) -> Result<&TriangleMesh> {
+        self.mesh.as_ref().ok_or_else(|| {
+            Error::input(
+                "a cloud of points has no triangles that a control mesh could be made from",
+                "give a control mesh near the points with --template FILE",
+            )
+        })
     }
 
     /// What a template is aligned to: the target or, of a cloud, a triangle with its bounding box.
@@ -130,14 +189,15 @@ impl Data {
         })
     }
 
-    /// Of points in the unit frame and whether each is on the boundary.
-    fn ordered(frame: Frame, points: &[(DVec3, bool)]) -> Self {
+    /// Of points in the unit frame and the rim of each.
+    fn ordered(frame: Frame, points: &[(DVec3, Option<u32>)]) -> Self {
         let positions: Vec<DVec3> = points.iter().map(|p| p.0).collect();
         let order = morton::order(&positions);
         Self {
             frame,
             points: order.iter().map(|&i| positions[i as usize]).collect(),
-            on_boundary: order.iter().map(|&i| points[i as usize].1).collect(),
+            rims: order.iter().map(|&i| points[i as usize].1).collect(),
+            loops: Vec::new(),
             mesh: None,
         }
     }

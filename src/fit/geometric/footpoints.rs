@@ -1,10 +1,9 @@
-//! The footpoints of the data: the closest points of the limit surface, and of its boundary curve for points of the data's boundary.
+//! The footpoints of the data: the closest points of the limit surface, and of its boundary for points of the data's rims.
 
+use super::rims::{BoundaryCurves, CurvePoint, Rims};
 use crate::device::Device;
 use crate::error::Result;
-use crate::geometry::Bvh;
 use crate::kernel::limit_surface::{ClosestOnLimit, LimitQuery};
-use crate::mesh::Connectivity;
 use crate::model::limit_surface::{LimitSurface, Patches, Status, SurfaceParameter, SurfacePoint};
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
@@ -24,24 +23,14 @@ const TRACKED: f64 = 1e-6;
 /// How much nearer than the footpoint found by a full search another point of the surface may be, in diagonals.
 const SEARCHED: f64 = 1e-5;
 
-/// The weight of a point of the boundary: there are few of them.
-const BOUNDARY: f64 = 4.0;
-
-/// Straight pieces to an edge of the boundary, for first guesses.
-const PIECES: u32 = 8;
-
-/// Newton steps on the boundary curve, and halvings of each, at most.
-const STEPS: usize = 12;
-const HALVINGS: usize = 4;
-
 /// A point of the data, and its footpoint.
 #[derive(Debug, Clone)]
 pub(super) struct Sample {
     /// The point.
     pub goal: DVec3,
-    /// Whether its footpoint is to lie on the boundary.
-    pub on_boundary: bool,
-    /// How much it counts.
+    /// The loop of the data's boundary that it lies on; then its footpoint is to lie on the loop of the surface that became of it.
+    pub rim: Option<u32>,
+    /// How much it counts: 1 unless it is a peak.
     pub weight: f64,
     /// The footpoint's parameter.
     pub at: SurfaceParameter,
@@ -59,10 +48,10 @@ pub(super) struct Sample {
 
 impl Sample {
     /// A point whose footpoint is not known.
-    pub fn new(goal: DVec3, on_boundary: bool) -> Self {
-        let mut sample = Self {
+    pub fn new(goal: DVec3, rim: Option<u32>) -> Self {
+        Self {
             goal,
-            on_boundary,
+            rim,
             weight: 1.0,
             at: UNKNOWN,
             position: goal,
@@ -70,22 +59,15 @@ impl Sample {
             row: Vec::new(),
             is_known: false,
             is_settled: false,
-        };
-        sample.weight = sample.least_weight();
-        sample
-    }
-
-    /// How much it counts unless it is a peak.
-    pub fn least_weight(&self) -> f64 {
-        if self.on_boundary { BOUNDARY } else { 1.0 }
+        }
     }
 
     /// A point whose footpoint is near that of a neighbour.
-    pub fn beside(goal: DVec3, on_boundary: bool, neighbour: &Self) -> Self {
+    pub fn beside(goal: DVec3, rim: Option<u32>, neighbour: &Self) -> Self {
         Self {
             at: neighbour.at,
             is_known: neighbour.is_known,
-            ..Self::new(goal, on_boundary)
+            ..Self::new(goal, rim)
         }
     }
 
@@ -144,6 +126,14 @@ impl Sample {
             false => jet.du.cross(jet.dv).normalize_or_zero(),
         };
     }
+
+    /// Gives it a footpoint on the boundary.
+    fn set_on_boundary(&mut self, point: CurvePoint, patches: &Patches<'_>) {
+        self.at = point.at;
+        self.position = point.position;
+        self.direction = point.tangent;
+        patches.surface().weights(point.at, &mut self.row);
+    }
 }
 
 /// No face.
@@ -153,7 +143,10 @@ const UNKNOWN: SurfaceParameter = SurfaceParameter {
     v: 0.0,
 };
 
-/// Finds the footpoints from those of the last time; settled ones are taken along, unknown ones found from scratch.
+/// Finds the footpoints from those of the last time; settled ones are taken along, unknown ones found from scratch. Returns points of the surface's
+/// own boundary as footpoints of the nearest points of rims.
+///
+/// `rims`: of the mesh of `surface`.
 ///
 /// # Errors
 /// Where the device fails.
@@ -161,8 +154,9 @@ pub(super) fn update(
     device: &Device,
     surface: &LimitSurface,
     control_points: &[DVec3],
+    rims: &Rims,
     samples: &mut [Sample],
-) -> Result<()> {
+) -> Result<Vec<Sample>> {
     let patches = surface.patches(control_points);
     let closest = ClosestOnLimit::new(device, &patches)?.within(TRACKED);
     let resting: Vec<bool> = (samples.par_iter_mut())
@@ -170,7 +164,7 @@ pub(super) fn update(
         .collect();
     let awake = samples.iter_mut().zip(resting);
     let awake = awake.filter(|(_, rests)| !rests).map(|(s, _)| s);
-    let (mut outer, mut inner): (Vec<_>, Vec<_>) = awake.partition(|s| s.on_boundary);
+    let (mut outer, mut inner): (Vec<_>, Vec<_>) = awake.partition(|s| s.rim.is_some());
     let unknown: Vec<DVec3> = (inner.iter())
         .filter(|s| !s.is_known)
         .map(|s| s.goal)
@@ -192,10 +186,21 @@ pub(super) fn update(
         .collect();
     let found = closest.descend(&queries)?;
     (inner.par_iter_mut().zip(&found)).for_each(|(s, found)| s.set(found.parameter, &patches));
-    if let Some(curve) = BoundaryCurve::new(&patches)? {
-        outer.par_iter_mut().for_each(|s| curve.project(s));
+    if outer.is_empty() {
+        return Ok(Vec::new());
     }
-    Ok(())
+    let curves = BoundaryCurves::new(&patches, rims)?;
+    outer.par_iter_mut().for_each(|s| {
+        if let Some(point) = curves.closest(s.goal, s.rim) {
+            s.set_on_boundary(point, &patches);
+        }
+    });
+    let spread = curves.spread().into_par_iter().map(|(point, rim, goal)| {
+        let mut sample = Sample::new(goal, Some(rim));
+        sample.set_on_boundary(point, &patches);
+        sample
+    });
+    Ok(spread.collect())
 }
 
 /// Keeps the parameters of footpoints, taken over to another surface by [`super::remesh`].
@@ -220,8 +225,8 @@ pub(super) fn search(
 ) -> Result<()> {
     let patches = surface.patches(control_points);
     let closest = ClosestOnLimit::new(device, &patches)?.within(TRACKED);
-    // Points of the boundary have been looked for on all of its curve.
-    let mut inner: Vec<&mut Sample> = samples.iter_mut().filter(|s| !s.on_boundary).collect();
+    // Points of a rim have been looked for on all of its loop.
+    let mut inner: Vec<&mut Sample> = samples.iter_mut().filter(|s| s.rim.is_none()).collect();
     let goals: Vec<DVec3> = inner.iter().map(|s| s.goal).collect();
     let guesses = closest.first_guess(device, &goals)?;
     let query = |(&point, start)| LimitQuery {
@@ -251,105 +256,4 @@ fn take_nearer(samples: &mut [&mut Sample], found: &[SurfacePoint], patches: &Pa
     pairs
         .filter(|(sample, found)| found.distance < sample.distance())
         .for_each(|(sample, found)| sample.set(found.parameter, patches));
-}
-
-/// The curve that the boundary of a limit surface is.
-struct BoundaryCurve<'a> {
-    patches: &'a Patches<'a>,
-    /// Half-edges of the boundary.
-    edges: Vec<u32>,
-    pieces: Bvh,
-}
-
-/// A point of the curve with its derivatives along the edge.
-struct CurveJet {
-    at: SurfaceParameter,
-    position: DVec3,
-    first: DVec3,
-    second: DVec3,
-}
-
-impl<'a> BoundaryCurve<'a> {
-    /// `None` for a closed surface.
-    fn new(patches: &'a Patches<'a>) -> Result<Option<Self>> {
-        let mesh = patches.surface().connectivity();
-        let edges: Vec<u32> = (0..mesh.half_edge_count() as u32)
-            .filter(|&h| mesh.opposite(h).is_none())
-            .collect();
-        if edges.is_empty() {
-            return Ok(None);
-        }
-        let mut positions = Vec::with_capacity(edges.len() * (PIECES as usize + 1));
-        let mut segments = Vec::with_capacity(edges.len() * PIECES as usize);
-        for &h in &edges {
-            for k in 0..=PIECES {
-                if k > 0 {
-                    let end = positions.len() as u32;
-                    segments.push([end - 1, end, end]);
-                }
-                positions.push(jet(patches, mesh, h, f64::from(k) / f64::from(PIECES)).position);
-            }
-        }
-        Ok(Some(Self {
-            patches,
-            edges,
-            pieces: Bvh::new(&positions, &segments)?,
-        }))
-    }
-
-    /// Gives a sample its footpoint on the curve: that of the nearest straight piece, then Newton on its edge.
-    fn project(&self, sample: &mut Sample) {
-        let mesh = self.patches.surface().connectivity();
-        let found = self.pieces.closest(sample.goal);
-        let h = self.edges[(found.triangle / PIECES) as usize];
-        let within = 1.0 - found.barycentric[0];
-        let mut s = (f64::from(found.triangle % PIECES) + within) / f64::from(PIECES);
-        let mut here = jet(self.patches, mesh, h, s);
-        for _ in 0..STEPS {
-            let error = sample.goal - here.position;
-            let flat = here.first.length_squared();
-            let curved = flat - error.dot(here.second);
-            let slope = error.dot(here.first);
-            let mut step = slope / if curved > 0.1 * flat { curved } else { flat };
-            let distance = error.length_squared();
-            let next = (0..HALVINGS).find_map(|_| {
-                let t = (s + step).clamp(0.0, 1.0);
-                let there = jet(self.patches, mesh, h, t);
-                step *= 0.5;
-                let nearer = there.position.distance_squared(sample.goal) < distance;
-                nearer.then_some((t, there))
-            });
-            match next {
-                Some(next) => (s, here) = next,
-                None => break,
-            }
-        }
-        sample.at = here.at;
-        sample.position = here.position;
-        sample.direction = here.first.normalize_or_zero();
-        self.patches.surface().weights(here.at, &mut sample.row);
-    }
-}
-
-/// The limit surface at `s`, from 0 at the start to 1 at the end of half-edge `h`.
-fn jet(patches: &Patches<'_>, mesh: &Connectivity, h: u32, s: f64) -> CurveJet {
-    const CORNERS: [DVec2; 4] = [DVec2::ZERO, DVec2::X, DVec2::Y, DVec2::ZERO];
-    let face = mesh.face_of(h);
-    let k = (h - mesh.half_edges(face as usize).start) as usize;
-    let along = CORNERS[k + 1] - CORNERS[k];
-    let p = CORNERS[k] + s * along;
-    let at = SurfaceParameter {
-        face,
-        u: p.x,
-        v: p.y,
-    };
-    let jet = patches.evaluate(at);
-    CurveJet {
-        at,
-        position: jet.position,
-        first: along.x * jet.du + along.y * jet.dv,
-        second: along.x * along.x * jet.duu
-            + 2.0 * along.x * along.y * jet.duv
-            + along.y * along.y * jet.dvv,
-    }
 }

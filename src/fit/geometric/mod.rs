@@ -9,19 +9,21 @@
 //! footpoints may slide. Faces are split worst first, none that is within the tolerance, and no more than the mean error asks for at its order of convergence (`ORDER`).
 //! Footpoints are taken along over splits and flips, and a step on them at once undoes most of what those did to the surface. A few peaks that are left become
 //! heavier step by step. A footpoint that has settled rests for one iteration only, and not where that takes it away from its point: left alone for a
-//! whole round, it drifts along the surface, and the fit stands still. Points of the boundary of the data have their
-//! footpoints on the boundary curve of the surface, from which their distances are measured. While there are many more points than control
+//! whole round, it drifts along the surface, and the fit stands still. Points along
+//! a rim of the data have their footpoints on the loop of the surface's boundary that became of it, from which their distances are measured. While there are many more points than control
 //! points need, every second, fourth… is worked with; a full search at the end sees all, and what it finds beyond the tolerance is worked with from then on.
 
 mod data;
 mod footpoints;
 mod remesh;
+mod rims;
 mod step;
 
 pub use data::{Data, Start};
 
-use super::voronoi::{Fit, Iteration, StopReason};
+use super::record::{Fit, Iteration, StopReason};
 use crate::device::Device;
+use crate::energy::laplacian;
 use crate::error::{Error, Result};
 use crate::kernel::sparse::Csr;
 use crate::measure::Figures;
@@ -30,6 +32,7 @@ use crate::model::Model;
 use crate::model::limit_surface::LimitSurface;
 use crate::progress::{Event, Progress};
 use footpoints::Sample;
+use rims::Rims;
 use std::time::Instant;
 use step::Smoothness;
 
@@ -127,19 +130,22 @@ pub fn fit(
     let surface = LimitSurface::new(&control, Scheme::Loop)?;
     let mesh = surface.connectivity();
     let is_open = (0..mesh.edge_count() as u32).any(|e| mesh.is_boundary_edge(e));
-    let on_boundary: Vec<bool> = data.on_boundary.iter().map(|&b| b && is_open).collect();
-    let kept = on_boundary.clone();
+    let rim_of: Vec<Option<u32>> = data.rims.iter().map(|r| r.filter(|_| is_open)).collect();
+    let kept = rim_of.iter().map(Option::is_some).collect();
+    let rims = Rims::matched(data, mesh, &control.mesh.positions)?;
     let mut run = Run {
         device,
         data,
         options,
         progress,
-        laplacian: step::border_laplacian(surface.connectivity()),
+        laplacian: laplacian(mesh),
         surface,
+        rims,
         control,
         samples: Vec::new(),
         indices: Vec::new(),
-        on_boundary,
+        spread: Vec::new(),
+        rim_of,
         kept,
         iterations: Vec::new(),
         stages: STAGES.map(|name| (name.into(), 0.0)).into(),
@@ -188,14 +194,18 @@ struct Run<'a> {
     control: ControlMesh,
     /// Of `control`.
     surface: LimitSurface,
+    /// Of `control`.
+    rims: Rims,
     /// Of `control`: the rows of the regularizer.
     laplacian: Csr,
     /// The points of the data that are worked with, and which they are.
     samples: Vec<Sample>,
     indices: Vec<u32>,
-    /// `[points]`: whether it has its footpoint on the boundary of the surface, which may have none.
-    on_boundary: Vec<bool>,
-    /// `[points]`: whether it is always worked with: the boundary, and what a full search found too far away.
+    /// Points of the boundary of the surface, as footpoints of the nearest points of the data's rims.
+    spread: Vec<Sample>,
+    /// `[points]`: the rim that it lies on, unless the surface is closed.
+    rim_of: Vec<Option<u32>>,
+    /// `[points]`: whether it is always worked with: rims, and what a full search found too far away.
     kept: Vec<bool>,
     iterations: Vec<Iteration>,
     stages: Vec<(String, f64)>,
@@ -210,7 +220,7 @@ impl Run<'_> {
         let mut since_split = 0;
         loop {
             self.track()?;
-            let error = figures(&self.samples);
+            let error = self.figures();
             self.record(error);
             if since_split == 0 {
                 self.forget_lost(error);
@@ -249,9 +259,32 @@ impl Run<'_> {
     /// Brings the footpoints up to date.
     fn track(&mut self) -> Result<()> {
         self.timed(CLOSEST, |run| {
-            let points = &run.control.mesh.positions;
-            footpoints::update(run.device, &run.surface, points, &mut run.samples)
+            let mut spread = footpoints::update(
+                run.device,
+                &run.surface,
+                &run.control.mesh.positions,
+                &run.rims,
+                &mut run.samples,
+            )?;
+            // Without splits in between they are at the same parameters.
+            for (now, before) in spread.iter_mut().zip(&run.spread) {
+                now.weight = before.weight;
+            }
+            run.spread = spread;
+            Ok(())
         })
+    }
+
+    /// The largest, mean and root mean square distance of samples from their footpoints; the largest also of the surface's boundary from rims.
+    fn figures(&self) -> Figures {
+        let count = self.samples.len().max(1) as f64;
+        let distances = || self.samples.iter().map(Sample::distance);
+        let back = self.spread.iter().map(Sample::distance);
+        Figures {
+            max: distances().chain(back).fold(0.0, f64::max),
+            mean: distances().sum::<f64>() / count,
+            rms: (distances().map(|d| d * d).sum::<f64>() / count).sqrt(),
+        }
     }
 
     /// Has footpoints that may be stuck far from the closest point searched for.
@@ -301,14 +334,15 @@ impl Run<'_> {
 
     /// Moves the control points towards the data.
     fn step(&mut self) {
+        let samples: Vec<&Sample> = self.samples.iter().chain(&self.spread).collect();
         match self.options.step {
             Step::Displacement => step::displace(
-                &self.samples,
+                &samples,
                 self.surface.connectivity(),
                 &mut self.control.mesh.positions,
             ),
             Step::LeastSquares => step::solve(
-                &self.samples,
+                &samples,
                 &self.laplacian,
                 SMOOTHNESS,
                 &mut self.control.mesh,
@@ -330,7 +364,10 @@ impl Run<'_> {
             return Ok(false);
         }
         self.surface = LimitSurface::new(&self.control, Scheme::Loop)?;
-        self.laplacian = step::border_laplacian(self.surface.connectivity());
+        let mesh = self.surface.connectivity();
+        self.laplacian = laplacian(mesh);
+        self.rims.carry_over(mesh);
+        self.spread.clear();
         footpoints::carry_over(
             &self.surface,
             &self.control.mesh.positions,
@@ -366,12 +403,12 @@ impl Run<'_> {
         if !self.is_at_peaks(error) {
             return;
         }
-        for sample in &mut self.samples {
+        for sample in self.samples.iter_mut().chain(&mut self.spread) {
             let distance = sample.distance();
             if distance > limit {
                 sample.weight = (sample.weight * GAIN).min(HEAVIEST);
             } else if distance < EASED * limit {
-                sample.weight = (sample.weight / GAIN).max(sample.least_weight());
+                sample.weight = (sample.weight / GAIN).max(1.0);
             }
         }
     }
@@ -379,7 +416,7 @@ impl Run<'_> {
     /// `[faces]`: errors in tolerances, the largest distance's or the mean's where that is not met yet; 0 without any.
     fn face_errors(&self, error: Figures) -> Vec<f64> {
         let mut faces = vec![(0.0f64, 0.0); self.control.mesh.face_count()];
-        for sample in &self.samples {
+        for sample in self.samples.iter().chain(&self.spread) {
             let (max, sum) = &mut faces[sample.at.face as usize];
             let distance = sample.distance();
             *max = max.max(distance);
@@ -413,9 +450,7 @@ impl Run<'_> {
         let mut known = self.indices.drain(..).zip(known).peekable();
         let (mut indices, mut samples) = (Vec::new(), Vec::new());
         let mut last: Option<Sample> = None;
-        for (i, (&goal, &on_boundary)) in
-            (self.data.points.iter()).zip(&self.on_boundary).enumerate()
-        {
+        for (i, (&goal, &rim)) in (self.data.points.iter()).zip(&self.rim_of).enumerate() {
             let old = known.next_if(|(k, _)| *k as usize == i).map(|k| k.1);
             let is_new = old.is_none();
             if self.kept[i] || i.is_multiple_of(stride) {
@@ -425,8 +460,8 @@ impl Run<'_> {
                     distance(a).total_cmp(&distance(b))
                 });
                 let begin = || match nearest {
-                    Some(nearest) => Sample::beside(goal, on_boundary, nearest),
-                    None => Sample::new(goal, on_boundary),
+                    Some(nearest) => Sample::beside(goal, rim, nearest),
+                    None => Sample::new(goal, rim),
                 };
                 indices.push(i as u32);
                 samples.push(old.clone().unwrap_or_else(begin));
@@ -444,7 +479,7 @@ impl Run<'_> {
     fn search_all(&mut self) -> Result<Figures> {
         self.choose_samples(1);
         self.track()?;
-        let rms = figures(&self.samples).rms;
+        let rms = self.figures().rms;
         self.timed(SEARCH, |run| {
             let points = &run.control.mesh.positions;
             footpoints::search(
@@ -455,7 +490,7 @@ impl Run<'_> {
                 LOST * rms,
             )
         })?;
-        let exact = figures(&self.samples);
+        let exact = self.figures();
         let tolerance = self.options.max_error.unwrap_or(f64::INFINITY);
         for (kept, sample) in self.kept.iter_mut().zip(&self.samples) {
             *kept |= sample.distance() > LIMIT * tolerance;
@@ -504,15 +539,4 @@ impl Stall {
 /// An error in units of its tolerance; 0 without one.
 fn in_tolerances(error: f64, tolerance: Option<f64>) -> f64 {
     tolerance.map_or(0.0, |t| error / t)
-}
-
-/// The largest, mean and root mean square distance of samples from their footpoints; zero without any.
-fn figures(samples: &[Sample]) -> Figures {
-    let count = samples.len().max(1) as f64;
-    let distances = || samples.iter().map(Sample::distance);
-    Figures {
-        max: distances().fold(0.0, f64::max),
-        mean: distances().sum::<f64>() / count,
-        rms: (distances().map(|d| d * d).sum::<f64>() / count).sqrt(),
-    }
 }

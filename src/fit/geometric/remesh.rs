@@ -111,7 +111,7 @@ mod tests {
             let mut control = ball.clone();
             let mut samples: Vec<Sample> = (0..320)
                 .map(|face| {
-                    let mut sample = Sample::new(DVec3::ZERO, false);
+                    let mut sample = Sample::new(DVec3::ZERO, None);
                     sample.is_known = true;
                     (sample.at.face, sample.at.u, sample.at.v) = (face, 0.25, 0.5);
                     sample

@@ -1,7 +1,6 @@
 //! The two ways to move the control points towards the data on frozen footpoints.
 
 use super::footpoints::Sample;
-use crate::energy::laplacian;
 use crate::fit::normal_equations::{conjugate_gradients, inverse_block};
 use crate::fit::symmetric::Symmetric3;
 use crate::kernel::sparse::Csr;
@@ -26,7 +25,7 @@ pub(super) struct Smoothness {
 
 /// The paper's step [NMM08, equations 3 to 5]: every control point moves by the mean of the error vectors around it, weighted by the
 /// barycentric weights of their footpoints.
-pub(super) fn displace(samples: &[Sample], mesh: &Connectivity, control_points: &mut [DVec3]) {
+pub(super) fn displace(samples: &[&Sample], mesh: &Connectivity, control_points: &mut [DVec3]) {
     let mut sums = vec![(DVec3::ZERO, 0.0); control_points.len()];
     for sample in samples {
         let SurfaceParameter { face, u, v } = sample.at;
@@ -47,10 +46,10 @@ pub(super) fn displace(samples: &[Sample], mesh: &Connectivity, control_points: 
 /// Moves the control points to the least squares of the weighted distances of the footpoints from the data, with the regularizer.
 ///
 /// A row of the matrix is the combination of control points that a footpoint is, or a row of `laplacian`
-/// ([`border_laplacian`]), and counts by a 3×3 metric. Conjugate gradients multiply with the matrix and its transpose: with a few rows for
+/// ([`crate::energy::laplacian`]), and counts by a 3×3 metric. Conjugate gradients multiply with the matrix and its transpose: with a few rows for
 /// each control point that takes less than to assemble the normal equations.
 pub(super) fn solve(
-    samples: &[Sample],
+    samples: &[&Sample],
     laplacian: &Csr,
     smoothness: Smoothness,
     control: &mut PolygonMesh,
@@ -67,9 +66,9 @@ pub(super) fn solve(
     let share = 1.0 / samples.len().max(1) as f64;
     let smooth_share = 1.0 / control_points as f64;
     let distances = samples.iter().map(|sample| {
-        let metric = match sample.on_boundary {
-            true => Symmetric3::split(sample.direction, SLIDING, 1.0),
-            false => Symmetric3::split(sample.direction, 1.0, SLIDING),
+        let metric = match sample.rim {
+            Some(_) => Symmetric3::split(sample.direction, SLIDING, 1.0),
+            None => Symmetric3::split(sample.direction, 1.0, SLIDING),
         };
         metric * (share * sample.weight)
     });
@@ -97,20 +96,6 @@ pub(super) fn solve(
         .collect();
     let apply = |x: &[DVec3]| columns.apply(&weigh(rows.apply(x)));
     conjugate_gradients(apply, &diagonal, &right, &mut control.positions, TOLERANCE);
-}
-
-/// The random-walk Laplacian, on the boundary that of the boundary alone.
-pub(super) fn border_laplacian(mesh: &Connectivity) -> Csr {
-    let inner = laplacian(mesh);
-    Csr::build(inner.row_count(), inner.column_count, |v, row| {
-        let v = v as u32;
-        if !mesh.is_boundary_vertex(v) {
-            return row.extend(inner.row(v as usize));
-        }
-        row.push((v, 1.0));
-        let boundary = mesh.spokes(v).filter(|&(e, _)| mesh.is_boundary_edge(e));
-        row.extend(boundary.map(|(_, w)| (w, -0.5)));
-    })
 }
 
 /// Area-weighted unit normals at the control points.

@@ -36,7 +36,12 @@ fn brute_force(positions: &[DVec3], triangles: &[[u32; 3]], p: DVec3) -> (f64, u
 /// Every way to ask gives the answer of a search through all triangles, to the bit.
 fn check(positions: &[DVec3], triangles: &[[u32; 3]], queries: &[DVec3]) {
     let bvh = Bvh::new(positions, triangles).expect("triangles");
-    assert_covers(&bvh, positions, triangles);
+    check_tree(&bvh, positions, triangles, queries);
+}
+
+/// The same of a tree that is there.
+fn check_tree(bvh: &Bvh, positions: &[DVec3], triangles: &[[u32; 3]], queries: &[DVec3]) {
+    assert_covers(bvh, positions, triangles);
     let all = bvh.closest_all(queries);
     for (&p, together) in queries.iter().zip(&all) {
         let alone = bvh.closest(p);
@@ -151,6 +156,41 @@ fn triangles_in_a_row_that_shrink_without_end_do_not_deepen_the_tree() {
     let positions: Vec<_> = (0..900).map(|i| DVec3::X * 0.5f64.powi(i)).collect();
     let triangles: Vec<_> = (0..898u32).map(|t| [t, t + 1, t + 2]).collect();
     check(&positions, &triangles, &points(30, 10));
+}
+
+#[test]
+fn a_tree_follows_its_mesh() {
+    let (mut positions, triangles) = soup(400, 0.1);
+    let mut bvh = Bvh::new(&positions, &triangles).unwrap();
+    let queries = points(200, 12);
+    for (size, seed) in [(0.01, 13), (3.0, 14), (0.0, 15), (1e6, 16)] {
+        for (p, change) in positions.iter_mut().zip(points(1200, seed)) {
+            *p = (*p + change) * size;
+        }
+        bvh.refit(&positions, &triangles);
+        check_tree(&bvh, &positions, &triangles, &queries);
+    }
+}
+
+#[test]
+fn what_is_near_enough_is_not_searched_further() {
+    let (positions, triangles) = soup(2000, 0.05);
+    let bvh = Bvh::new(&positions, &triangles).unwrap();
+    let queries = points(2000, 17);
+    let exact = bvh.closest_all(&queries);
+    assert_eq!(bvh.closest_beyond(&queries, 0.0), exact);
+    let enough = 0.05;
+    let found = bvh.closest_beyond(&queries, enough);
+    let mut cut_short = 0;
+    for (exact, found) in exact.iter().zip(&found) {
+        if exact.distance_squared > enough * enough {
+            assert_eq!(exact, found);
+        } else {
+            assert!(found.distance_squared <= enough * enough);
+            cut_short += usize::from(exact != found);
+        }
+    }
+    assert!(cut_short > 10, "{cut_short}");
 }
 
 #[test]

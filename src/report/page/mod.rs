@@ -16,6 +16,7 @@ use crate::files::{check_place, write_whole};
 use crate::measure;
 use crate::mesh::{PolygonMesh, TriangleMesh};
 use crate::picture::{Axis, Legend, Paint, Picture, Scale, Scene, Shape, Strokes, View, color};
+use crate::topology::Holes;
 use base64::Engine;
 use base64::prelude::BASE64_STANDARD;
 use chart::{Weighted, quantile};
@@ -63,6 +64,8 @@ pub struct Subject<'a> {
     pub surface: &'a PolygonMesh,
     /// `[surface vertices]`: from the target, if it has triangles.
     pub distances: Option<&'a [f64]>,
+    /// Which holes of the target the surface is to close.
+    pub holes: Holes,
     /// What is upwards in the pictures.
     pub up: Axis,
 }
@@ -218,7 +221,7 @@ impl Coloring {
         let Some(distances) = subject.distances else {
             return Ok(None);
         };
-        let covered = measure::covered(subject.target, &surface.positions)?;
+        let covered = measure::covered(subject.target, &surface.positions, subject.holes)?;
         let known: Weighted = weighted(surface, distances)
             .into_iter()
             .zip(&covered)

@@ -117,6 +117,16 @@ pub(super) fn figures(report: &Report) -> String {
     } else if error.surface_to_target.is_some() {
         html += "The scan covers all of the surface.";
     }
+    if let Some(rims) = &error.rims {
+        let [there, back] = [rims.target_to_surface, rims.surface_to_target];
+        let _ = write!(
+            html,
+            " Boundary curves are followed: from the scan's at most <span data-key=\"error.rims.target_to_surface.max_percent\">{}</span> %, from the \
+             surface's at most <span data-key=\"error.rims.surface_to_target.max_percent\">{}</span> %.",
+            significant(there.max_percent, DIGITS),
+            significant(back.max_percent, DIGITS)
+        );
+    }
     html + "</p>"
 }
 
@@ -161,6 +171,21 @@ pub(super) fn run(report: &Report) -> String {
             count(result.surface_faces)
         );
         rows.push("surface", &surface);
+    }
+    if let Some(cage) = &report.cage {
+        let scan = match cage.target_euler_characteristic {
+            Some(scan) if !cage.has_targets_topology() => format!(", the scan's is {scan}"),
+            Some(_) => ", as the scan's".into(),
+            None => String::new(),
+        };
+        let euler = format!("{}{scan}", cage.euler_characteristic);
+        rows.push("Euler characteristic", &euler);
+        let angle = significant(cage.least_angle, DIGITS);
+        rows.push("smallest angle of the cage", &format!("{angle}°"));
+        if let Some(percent) = cage.folded_percent {
+            let folded = format!("{} %", significant(percent, DIGITS));
+            rows.push("flipped part of the surface", &folded);
+        }
     }
     if let Some(iterations) = &report.iterations {
         rows.push("iterations", &count(iterations.len()));

@@ -2,6 +2,7 @@
 
 use super::skin::Subject;
 use crate::error::Result;
+use crate::measure::share_facing_away;
 use crate::mesh::{Connectivity, PolygonMesh};
 use glam::DVec3;
 
@@ -27,7 +28,9 @@ pub(super) struct Judgement {
     wanted: i64,
     folds: f64,
     variation: f64,
-    /// The share of the vertices that do not have four edges.
+    /// Whether it should be open.
+    open: bool,
+    /// The share of the vertices that do not have four faces, or two on the boundary.
     pub irregular: f64,
 }
 
@@ -42,7 +45,14 @@ impl Judgement {
     pub fn of(mesh: &PolygonMesh, subject: &Subject, asked: usize, wanted: i64) -> Result<Self> {
         let connectivity = Connectivity::of(mesh)?;
         let points = mesh.positions.len();
-        let irregular = |v: &u32| connectivity.around(*v).count() != 4;
+        let regular = |v: u32| {
+            if connectivity.is_boundary_vertex(v) {
+                2
+            } else {
+                4
+            }
+        };
+        let irregular = |v: &u32| connectivity.around(*v).count() != regular(*v);
         Ok(Self {
             points,
             asked,
@@ -50,6 +60,7 @@ impl Judgement {
             wanted,
             folds: folds(mesh, subject),
             variation: variation(mesh, &connectivity),
+            open: subject.rim.is_some(),
             irregular: (0..points as u32).filter(irregular).count() as f64 / points.max(1) as f64,
         })
     }
@@ -66,7 +77,7 @@ impl Judgement {
 
     /// Whether it wraps an open sheet on both sides.
     pub fn is_two_sided(&self) -> bool {
-        self.folds > TWO_SIDED
+        !self.open && self.folds > TWO_SIDED
     }
 
     /// Why it does not pass, if it does not.
@@ -103,20 +114,7 @@ fn folds(mesh: &PolygonMesh, subject: &Subject) -> f64 {
         .faces()
         .flat_map(|f| (0..f.len()).map(move |k| corners(f, k)))
         .collect();
-    let centers: Vec<DVec3> = triangles
-        .iter()
-        .map(|t| t.iter().sum::<DVec3>() / 3.0)
-        .collect();
-    let closest = subject.tree.closest_all(&centers);
-    let (mut folded, mut all) = (0.0, 0.0);
-    for ([a, b, c], closest) in triangles.into_iter().zip(closest) {
-        let area_vector = (b - a).cross(c - a);
-        all += area_vector.length();
-        if area_vector.dot(subject.mesh.area_vector(closest.triangle as usize)) < 0.0 {
-            folded += area_vector.length();
-        }
-    }
-    if all > 0.0 { folded / all } else { 1.0 }
+    share_facing_away(&triangles, subject.mesh, &subject.tree, |_| true)
 }
 
 /// The standard deviation of the edges' lengths over their mean.
@@ -142,11 +140,12 @@ pub(super) fn edge_lengths(mesh: &PolygonMesh, connectivity: &Connectivity) -> V
 mod tests {
     use super::*;
     use crate::mesh::shapes;
+    use crate::topology::Holes;
 
     #[test]
     fn a_sound_torus_passes_and_each_fault_is_named() {
         let target = shapes::torus(1.0, 0.4, 60, 30).triangulate();
-        let subject = Subject::new(&target).expect("triangles");
+        let subject = Subject::new(&target, Holes::Bridge).expect("triangles");
         let torus = shapes::torus(1.0, 0.4, 30, 12);
         let objection = |mesh: &PolygonMesh, asked, euler| {
             let judgement = Judgement::of(mesh, &subject, asked, euler).expect("a manifold");

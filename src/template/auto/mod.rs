@@ -3,13 +3,14 @@
 //! **Pipeline.** Coarse voxels would do for the shape but not for the topology: the genus of a voxel surface is not monotone in its resolution (a plate with five holes had
 //! them at 1,012 to 1,494 points, and not at 2,072 to 3,932). So a fine surface comes first ([`skin`]), is simplified under the link condition, which keeps its
 //! topology ([`crate::topology::simplify`]), has its triangles paired into quads ([`quads`], [`matching`]), is divided once, which leaves most vertices with four edges, and
-//! is relaxed on the target. A [`gate`] judges the result; what it rejects is tried again in another way ([`ATTEMPTS`]).
+//! is relaxed on the target. Where the target's rims are to be followed, the fine surface is first cut open along them ([`opening`]). A [`gate`] judges the result; what it rejects is tried again in another way ([`ATTEMPTS`]).
 //!
 //! **Handles** that are small around are noise in most scans: simplification shrinks them to loops of three edges, which are cut
 //! ([`crate::topology::cut_handles`]). Which are small is a share of the diagonal ([`SMALL_HANDLE`]); [`Genus::Keep`] cuts none.
 
 mod gate;
 mod matching;
+mod opening;
 mod quads;
 mod skin;
 mod voxels;
@@ -17,6 +18,7 @@ mod voxels;
 use super::without_unused_vertices;
 use crate::error::Result;
 use crate::mesh::{Connectivity, ControlMesh, PolygonMesh, Scheme, TriangleMesh};
+use crate::topology::Holes;
 use crate::{model, topology};
 use gate::{Judgement, edge_lengths};
 use skin::{NEAR, Skin, Subject};
@@ -24,8 +26,8 @@ use skin::{NEAR, Skin, Subject};
 /// A handle or tunnel that is at most this far around, in diagonals of the target, is cut: four and a half cells of the grid that sees it.
 const SMALL_HANDLE: f64 = 4.5 / 128.0;
 
-/// The fewest faces to which a closed surface is simplified.
-const FEWEST_FACES: i64 = 4;
+/// The fewest vertices to which a surface is simplified: a tetrahedron's.
+const FEWEST: usize = 4;
 
 /// What becomes of small handles and tunnels.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -40,7 +42,7 @@ pub enum Genus {
 /// An automatic template.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Automatic {
-    /// Quads, a closed manifold on the target.
+    /// Quads, a manifold on the target: closed, or open where its rims are followed. Only then a triangle may be among them.
     pub control: ControlMesh,
     /// Whether it has the right topology and hardly a fold: then a fit may start with closest points.
     pub sound: bool,
@@ -86,13 +88,23 @@ const RELAXATION: usize = 3;
 /// Quads of about `control_points` points around a target, with its Euler characteristic.
 ///
 /// The target may have holes, overlaps, several components (the largest is taken) and bad triangles, but should face outwards ([`topology::oriented`]).
+/// With [`Holes::Follow`] it is open where the target is.
 /// Where no attempt passes the gate the best is returned, with a warning in the log. A few seconds at 10⁵ triangles, most of it winding numbers.
 ///
 /// # Errors
 /// Where the target has no triangles, or encloses nothing, as a soup does.
-pub fn automatic(target: &TriangleMesh, control_points: usize, genus: Genus) -> Result<Automatic> {
-    let subject = Subject::new(target)?;
-    let skin = simplify_genus(subject.skin(0.0)?, control_points, genus)?;
+pub fn automatic(
+    target: &TriangleMesh,
+    control_points: usize,
+    genus: Genus,
+    holes: Holes,
+) -> Result<Automatic> {
+    let subject = Subject::new(target, holes)?;
+    let mut skin = subject.skin(0.0)?;
+    if let Some(rim) = &subject.rim {
+        skin = opening::opened(skin, &subject, rim)?;
+    }
+    let skin = simplify_genus(skin, control_points, genus)?;
     let mut best: Option<(Judgement, PolygonMesh)> = None;
     for (k, attempt) in (1..).zip(ATTEMPTS) {
         let judged = attempt
@@ -136,7 +148,9 @@ pub fn automatic(target: &TriangleMesh, control_points: usize, genus: Genus) -> 
         ));
     };
     match judgement.is_two_sided() {
-        true => log::warn!("the target is open: it is wrapped on both sides"),
+        true => {
+            log::warn!("the target is open: it is wrapped on both sides (--open follows its rims)")
+        }
         false => log::warn!(
             "no automatic template passed all checks; of the one that is used, {}",
             judgement.objection().unwrap_or_default()
@@ -144,7 +158,8 @@ pub fn automatic(target: &TriangleMesh, control_points: usize, genus: Genus) -> 
     }
     Ok(Automatic {
         control: quads.into(),
-        sound: judgement.is_sound(),
+        // Where scans overlap some face away behind others, and Voronoi cells collapse over the gaps between them.
+        sound: judgement.is_sound() || skin.layers > 1.0 && !judgement.is_two_sided(),
     })
 }
 
@@ -154,7 +169,7 @@ pub fn automatic(target: &TriangleMesh, control_points: usize, genus: Genus) -> 
 /// # Errors
 /// As [`automatic`].
 pub fn skin(target: &TriangleMesh, least: f64) -> Result<TriangleMesh> {
-    Ok(Subject::new(target)?.skin(least)?.mesh)
+    Ok(Subject::new(target, Holes::Bridge)?.skin(least)?.mesh)
 }
 
 /// The skin without its small handles, if they are to go.
@@ -162,7 +177,7 @@ fn simplify_genus(skin: Skin, control_points: usize, genus: Genus) -> Result<Ski
     if genus == Genus::Keep {
         return Ok(skin);
     }
-    let coarse = topology::simplify(&skin.mesh, faces_for(control_points, skin.euler)).mesh;
+    let coarse = topology::simplify(&skin.mesh, vertices(control_points)).mesh;
     let Some((lo, hi)) = skin.mesh.bounding_box() else {
         return Ok(skin);
     };
@@ -178,17 +193,15 @@ fn simplify_genus(skin: Skin, control_points: usize, genus: Genus) -> Result<Ski
     })
 }
 
-/// The triangles of which quads of so many points are made: V − E + F = χ with E = 2 F.
-fn faces_for(points: usize, euler: i64) -> topology::Target {
-    let faces = (2 * (points as i64 - euler)).max(FEWEST_FACES);
-    topology::Target::Faces(faces as usize)
+fn vertices(points: usize) -> topology::Target {
+    topology::Target::Vertices(points.max(FEWEST))
 }
 
 impl Attempt {
     /// Quads of about so many points on the target.
     fn quads(&self, skin: &Skin, subject: &Subject, points: usize) -> Result<PolygonMesh> {
         let mut quads = self.connect(skin, points)?;
-        // Merged doublets are missing: ask for as many more.
+        // Merged doublets are missing, and on a border half of each face: ask for as many more.
         let missing = points.saturating_sub(quads.positions.len());
         if missing > 0 {
             let again = self.connect(skin, points + missing)?;
@@ -204,7 +217,7 @@ impl Attempt {
         for step in 1..=RELAXATION {
             quads::relax(&mut quads, &connectivity);
             if self.guided || step == RELAXATION {
-                quads::project(&subject.tree, &mut quads.positions, 1.0, reach);
+                subject.draw_on(&mut quads, &connectivity, 1.0, reach);
             }
         }
         Ok(quads)
@@ -217,8 +230,7 @@ impl Attempt {
             true => ((points as i64 + 3 * skin.euler) / 4).max(0) as usize,
             false => points,
         };
-        let target = faces_for(coarse, skin.euler);
-        let simplified = topology::simplify_evenly(&skin.mesh, target, self.evenness);
+        let simplified = topology::simplify_evenly(&skin.mesh, vertices(coarse), self.evenness);
         let paired: ControlMesh = quads::paired(&simplified.mesh)?.into();
         let quads = without_unused_vertices(&paired);
         match self.divided {

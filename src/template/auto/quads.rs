@@ -1,4 +1,4 @@
-//! From a closed triangle mesh to quads, and quads onto a target.
+//! From a triangle mesh to quads, and quads onto a target.
 
 use super::matching::Matching;
 use crate::error::Result;
@@ -18,7 +18,7 @@ const ROUNDS: usize = 10;
 /// How far [`relax`] moves a vertex towards the middle of its neighbours.
 const STEP: f64 = 0.5;
 
-/// The quads of a closed triangle mesh, two triangles to each.
+/// The quads of a triangle mesh, two triangles to each. Of a closed mesh no triangle is left over, of an open one there may be some, and they come last.
 ///
 /// # Errors
 /// Where the mesh is no oriented manifold.
@@ -46,7 +46,8 @@ pub(super) fn paired(mesh: &TriangleMesh) -> Result<PolygonMesh> {
     matching.complete();
     for _ in 0..ROUNDS {
         let mut turned = false;
-        for v in 0..mesh.positions.len() as u32 {
+        let inner = |v: &u32| !connectivity.is_boundary_vertex(*v);
+        for v in (0..mesh.positions.len() as u32).filter(inner) {
             let ring: Vec<u32> = connectivity
                 .around(v)
                 .map(|h| connectivity.face_of(h))
@@ -66,18 +67,25 @@ pub(super) fn paired(mesh: &TriangleMesh) -> Result<PolygonMesh> {
         let h = (t < mate).then(|| triangles.between(t, mate))??;
         triangles.quad_over(h)
     });
-    let faces = without_doublets(faces.collect());
-    Ok(PolygonMesh::from_faces(mesh.positions.clone(), faces))
+    let inner = |v| !connectivity.is_boundary_vertex(v);
+    let singles = (0..mesh.triangles.len()).filter(|&t| matching.mate(t as u32).is_none());
+    let singles: Vec<[u32; 3]> = singles.map(|t| mesh.triangles[t]).collect();
+    let quads = without_doublets(faces.collect(), |v| {
+        inner(v) && !singles.iter().flatten().any(|&u| u == v)
+    });
+    let mut polygons = PolygonMesh::from_faces(mesh.positions.clone(), quads);
+    singles.iter().for_each(|single| polygons.push_face(single));
+    Ok(polygons)
 }
 
-/// A closed triangle mesh with its connectivity.
+/// A triangle mesh with its connectivity.
 struct Triangles<'a> {
     positions: &'a [DVec3],
     connectivity: &'a Connectivity,
 }
 
 impl Triangles<'_> {
-    /// The triangles across the edges of a triangle.
+    /// The triangles across the edges of a triangle; itself across the boundary.
     fn beside(&self, t: u32) -> [u32; 3] {
         let first = self.connectivity.half_edges(t as usize).start;
         [0, 1, 2].map(|k| {
@@ -128,8 +136,8 @@ impl Triangles<'_> {
     }
 }
 
-/// Quads with each two that share a corner of no other quad merged into one.
-fn without_doublets(mut quads: Vec<[u32; 4]>) -> Vec<[u32; 4]> {
+/// Quads with each two that share a corner of no other quad merged into one, where that corner `may_go`.
+fn without_doublets(mut quads: Vec<[u32; 4]>, may_go: impl Fn(u32) -> bool) -> Vec<[u32; 4]> {
     let vertices = quads.iter().flatten().max().map_or(0, |&v| v as usize + 1);
     loop {
         // The first two faces at each vertex, and how many there are.
@@ -145,7 +153,7 @@ fn without_doublets(mut quads: Vec<[u32; 4]>) -> Vec<[u32; 4]> {
         }
         let mut gone = vec![false; quads.len()];
         for (v, ([f, g], count)) in faces.into_iter().enumerate() {
-            if count != 2 || gone[f] || gone[g] {
+            if count != 2 || gone[f] || gone[g] || !may_go(v as u32) {
                 continue;
             }
             let at = |quad: &[u32; 4]| quad.iter().position(|&u| u as usize == v);
@@ -166,11 +174,13 @@ fn without_doublets(mut quads: Vec<[u32; 4]>) -> Vec<[u32; 4]> {
     }
 }
 
-/// Moves every vertex half the way to the middle of its neighbours.
+/// Moves every vertex half the way to the middle of its neighbours, on the boundary of those along it.
 pub(super) fn relax(mesh: &mut PolygonMesh, connectivity: &Connectivity) {
     let moved = (0..mesh.positions.len() as u32).map(|v| {
+        let border = connectivity.is_boundary_vertex(v);
         let neighbours = connectivity
             .spokes(v)
+            .filter(|&(e, _)| !border || connectivity.is_boundary_edge(e))
             .map(|(_, w)| mesh.positions[w as usize]);
         let (sum, count) = neighbours.fold((DVec3::ZERO, 0), |(sum, n), p| (sum + p, n + 1));
         let p = mesh.positions[v as usize];
@@ -238,7 +248,7 @@ mod tests {
             [2, 6, 7, 3],
             [3, 7, 4, 0],
         ];
-        let quads = without_doublets(doubled);
+        let quads = without_doublets(doubled, |_| true);
         assert_eq!(quads.len(), 6);
         assert!(quads.iter().flatten().all(|&v| v != 8));
     }

@@ -1,26 +1,37 @@
 //! A fine closed surface around a target: the boundary of what is inside it, by winding number, on a grid.
 //!
-//! The inside is where the winding number is above a threshold; ½ for closed targets, less where sheets are missing. Where no threshold gives a surface near all of the target
-//! (an open sheet, a double wall), the inside is what is near it. The genus of such a surface is not monotone in the grid's resolution, so two are asked, and a
-//! finer one where they do not agree.
+//! The inside is where the winding number is above a threshold; ½ for closed targets, less where sheets are missing. Scans that overlap go round each point several times, and the
+//! threshold is that many times as high: close to a wall of k layers among walls of m in the mean the number is ½ (m ± k) on its two sides. Where no threshold
+//! gives a surface near all of the target (an open sheet, a double wall), the inside is what is near it. The genus of such a surface is not monotone in the grid's resolution, so two
+//! are asked, and a finer one where they do not agree, unless that is the one that fills with handles.
 
 use super::super::torus::area_covariance;
+use super::opening::onto_rim;
 use super::quads::{project, relax};
 use super::voxels::{Grid, Voxels};
 use crate::error::{Error, Result};
 use crate::geometry::random::Random;
 use crate::geometry::winding::WindingNumbers;
 use crate::geometry::{Bvh, eigen};
+use crate::measure::Rim;
 use crate::mesh::sample::sample_by_area;
 use crate::mesh::{Connectivity, PolygonMesh, TriangleMesh};
+use crate::topology::Holes;
 use glam::DVec3;
 use rayon::prelude::*;
 
 /// Cells to the target's diagonal: those that should agree, and the ones that decide otherwise.
 const CELLS: [f64; 3] = [96.0, 128.0, 192.0];
 
-/// Thresholds on the winding number. Never lower: handles appear.
+/// Thresholds on the winding number, for one layer. Never lower: handles appear.
 const THRESHOLDS: [f64; 3] = [0.5, 0.35, 0.25];
+
+/// A target of so many layers and more overlaps itself; and every how many samples are asked for them.
+const LAYERS: f64 = 1.1;
+const LAYERS_EVERY: usize = 10;
+
+/// A finer grid with more handles than this beyond those that the coarser one has seen sees the gaps of a double wall.
+const MOST_HANDLES: i64 = 24;
 
 /// The share of the target that must be near the skin for a threshold to be taken, and for there to be a surface at all: of a hundred loose triangles
 /// 50 to 70 % are near the largest piece.
@@ -47,7 +58,7 @@ const MOVED: f64 = 0.75;
 const JITTER: f64 = 1e-3;
 
 /// How far the skin's vertices go towards the target: all the way, those over a rim would meet there.
-const ONTO: f64 = 0.9;
+pub(super) const ONTO: f64 = 0.9;
 
 /// A target with what is asked of it.
 pub(super) struct Subject<'a> {
@@ -55,7 +66,10 @@ pub(super) struct Subject<'a> {
     pub tree: Bvh,
     bounds: (DVec3, DVec3),
     winding: WindingNumbers,
-    samples: Vec<DVec3>,
+    /// Area samples with the normals there.
+    samples: Vec<(DVec3, DVec3)>,
+    /// What the border of an open template is to follow.
+    pub rim: Option<Rim>,
 }
 
 /// A closed manifold of triangles around a target.
@@ -67,14 +81,16 @@ pub(super) struct Skin {
     pub cell: f64,
     /// The share of the target that is near it.
     pub covered: f64,
+    /// How many times the target goes around it.
+    pub layers: f64,
 }
 
 impl<'a> Subject<'a> {
-    /// Prepares a target.
+    /// Prepares a target, of which rims may be followed.
     ///
     /// # Errors
     /// Where it has no triangle.
-    pub fn new(mesh: &'a TriangleMesh) -> Result<Self> {
+    pub fn new(mesh: &'a TriangleMesh, holes: Holes) -> Result<Self> {
         let samples = sample_by_area(mesh, SAMPLES, 0);
         Ok(Self {
             tree: Bvh::new(&mesh.positions, &mesh.triangles)?,
@@ -82,10 +98,32 @@ impl<'a> Subject<'a> {
             winding: WindingNumbers::of(mesh),
             samples: samples
                 .iter()
-                .map(|s| s.position(mesh.corners(s.triangle as usize)))
+                .map(|s| {
+                    let t = s.triangle as usize;
+                    let normal = mesh.area_vector(t).normalize_or_zero();
+                    (s.position(mesh.corners(t)), normal)
+                })
                 .collect(),
+            rim: match holes {
+                Holes::Bridge | Holes::Leave => None,
+                Holes::Follow => Rim::of(mesh),
+            },
             mesh,
         })
+    }
+
+    /// Moves the vertices of a mesh a share of the way onto the target, and those of its border onto the rim; none that is further from there than `reach`.
+    pub fn draw_on(
+        &self,
+        mesh: &mut PolygonMesh,
+        connectivity: &Connectivity,
+        share: f64,
+        reach: f64,
+    ) {
+        project(&self.tree, &mut mesh.positions, share, reach);
+        if let Some(rim) = &self.rim {
+            onto_rim(mesh, connectivity, rim, reach);
+        }
     }
 
     /// The skin whose topology is believed, of cells no smaller than about `least`.
@@ -94,7 +132,7 @@ impl<'a> Subject<'a> {
     /// Where nothing is inside, or most of the target is nowhere near what is.
     pub fn skin(&self, least: f64) -> Result<Skin> {
         let spread = eigen::symmetric(area_covariance(self.mesh)).0;
-        if spread.min_element() <= FLAT * FLAT * spread.max_element() {
+        if self.rim.is_none() && spread.min_element() <= FLAT * FLAT * spread.max_element() {
             return Err(Error::input(
                 "the target is flat: there is nothing to wrap",
                 "give --template bbox or a mesh",
@@ -111,7 +149,10 @@ impl<'a> Subject<'a> {
                     euler(&a),
                     euler(&b)
                 );
-                self.skin_of(finest)?
+                match (b, self.skin_of(finest)?) {
+                    (Some(b), Some(c)) if c.euler < b.euler - 2 * MOST_HANDLES => Some(b),
+                    (_, c) => c,
+                }
             }
         };
         let covered = skin.as_ref().map_or(0.0, |s| s.covered);
@@ -133,13 +174,14 @@ impl<'a> Subject<'a> {
         let grid = Grid::around(self.bounds, (hi - lo).length() / cells);
         let centers = grid.centers();
         let winding = self.winding.at_all(&centers);
+        let layers = self.layers(NEAR * grid.h);
         let mut best: Option<Skin> = None;
         for threshold in THRESHOLDS {
-            let inside = winding.iter().map(|&w| w > threshold).collect();
-            let skin = self.finish(Voxels::new(&grid, inside), grid.h)?;
+            let inside = winding.iter().map(|&w| w > layers * threshold).collect();
+            let skin = self.finish(Voxels::new(&grid, inside), grid.h, layers)?;
             let Some(skin) = skin else { continue };
             log::debug!(
-                "winding numbers above {threshold} at {cells} cells to the diagonal: Euler characteristic {}, {:.1} % of the target near",
+                "winding numbers above {threshold} of {layers:.2} layers at {cells} cells to the diagonal: Euler characteristic {}, {:.1} % of the target near",
                 skin.euler,
                 100.0 * skin.covered
             );
@@ -160,7 +202,7 @@ impl<'a> Subject<'a> {
         let mut voxels = Voxels::new(&grid, centers.par_iter().map(near).collect());
         voxels.fill_cavities();
         voxels.erode();
-        let skin = self.finish(voxels, grid.h)?;
+        let skin = self.finish(voxels, grid.h, 1.0)?;
         let covered = skin.as_ref().map_or(0.0, |s| s.covered);
         log::info!(
             "automatic template: no winding number encloses the target at {cells} cells to the diagonal; {:.0} % lie near what is within {NEAR} cells of it",
@@ -169,8 +211,20 @@ impl<'a> Subject<'a> {
         Ok(skin)
     }
 
+    /// How many times the target goes around its inside: the mean jump of the winding number across it, at this distance. 1 unless it is clearly more.
+    fn layers(&self, distance: f64) -> f64 {
+        let sides = |side: f64| -> Vec<DVec3> {
+            let samples = self.samples.iter().step_by(LAYERS_EVERY);
+            samples.map(|(p, n)| *p - side * distance * *n).collect()
+        };
+        let [inner, outer] = [1.0, -1.0].map(|side| self.winding.at_all(&sides(side)));
+        let jumps: f64 = inner.iter().zip(&outer).map(|(a, b)| a - b).sum();
+        let layers = jumps / inner.len().max(1) as f64;
+        if layers < LAYERS { 1.0 } else { layers }
+    }
+
     /// The smoothed surface of the largest piece, drawn towards the target.
-    fn finish(&self, mut voxels: Voxels, h: f64) -> Result<Option<Skin>> {
+    fn finish(&self, mut voxels: Voxels, h: f64, layers: f64) -> Result<Option<Skin>> {
         voxels.keep_largest();
         voxels.fill_cavities();
         voxels.fill_pinches();
@@ -194,13 +248,14 @@ impl<'a> Subject<'a> {
         }
         let mesh = mesh.triangulate();
         let tree = Bvh::new(&mesh.positions, &mesh.triangles)?;
-        let near = |p: &&DVec3| tree.closest_within(**p, NEAR * h).is_some();
+        let near = |(p, _): &&(DVec3, DVec3)| tree.closest_within(*p, NEAR * h).is_some();
         let covered = self.samples.par_iter().filter(near).count();
         Ok(Some(Skin {
             mesh,
             euler: connectivity.euler_characteristic(),
             cell: h,
             covered: covered as f64 / self.samples.len().max(1) as f64,
+            layers,
         }))
     }
 }
@@ -240,7 +295,8 @@ mod tests {
     use crate::mesh::shapes;
 
     fn refusal(mesh: &TriangleMesh) -> String {
-        let skin = Subject::new(mesh).and_then(|subject| subject.skin(0.0).map(|s| s.euler));
+        let skin = Subject::new(mesh, Holes::Bridge)
+            .and_then(|subject| subject.skin(0.0).map(|s| s.euler));
         skin.expect_err("no surface").to_string()
     }
 
@@ -262,7 +318,7 @@ mod tests {
     #[test]
     fn the_skin_of_a_torus_is_one_and_lies_on_it() {
         let torus = shapes::torus(1.0, 0.4, 60, 30).triangulate();
-        let subject = Subject::new(&torus).expect("triangles");
+        let subject = Subject::new(&torus, Holes::Bridge).expect("triangles");
         let skin = subject.skin(0.0).expect("a surface");
         assert_eq!((skin.euler, skin.covered), (0, 1.0));
         let near = |p: &DVec3| subject.tree.closest(*p).distance_squared.sqrt();
@@ -277,7 +333,7 @@ mod tests {
         sheet
             .triangles
             .retain(|t| t.iter().all(|&v| positions[v as usize].z > 0.6));
-        let subject = Subject::new(&sheet).expect("triangles");
+        let subject = Subject::new(&sheet, Holes::Bridge).expect("triangles");
         assert_eq!(subject.skin(0.0).expect("a surface").euler, 2);
     }
 }

@@ -1,6 +1,7 @@
 //! `vorofit render`: a picture of a surface.
 
 use super::Outcome;
+use super::choices::Switch;
 use super::outputs::refuse_clashes;
 use super::session::Session;
 use super::text::{Summary, count, parse_number};
@@ -60,12 +61,6 @@ pub struct Args {
     /// The distance of the last colour, in percent of the diagonal [default: what 99 % of the vertices are under]
     #[arg(long, value_name = "%", value_parser = parse_scale)]
     scale: Option<f64>,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Switch {
-    On,
-    Off,
 }
 
 /// [`Axis`] on the command line.

@@ -80,7 +80,8 @@ pub struct Fit {
     pub surface: PolygonMesh,
     /// Every iteration.
     pub iterations: Vec<Iteration>,
-    /// The distances of the data points from the limit surface, where they were all measured exactly (the geometric method).
+    /// The distances of the data points from the limit surface, where they were all measured exactly (the geometric method); the largest is also that of the
+    /// surface's boundary from the rims of the data.
     pub data_error: Option<Figures>,
     /// Seconds by stage, in the order they ran.
     pub stages: Vec<(String, f64)>,

@@ -106,28 +106,16 @@ impl Settings {
         seed: u64,
     ) -> Self {
         Self {
-            method: "geometric",
-            template,
-            control_points,
-            holes: None,
-            scheme: "loop",
-            levels: options.levels,
-            limit: true,
-            smoothness: None,
-            anisotropy: None,
-            polish: None,
             step: Some(match options.step {
                 geometric::Step::Displacement => "displacement",
                 geometric::Step::LeastSquares => "least-squares",
             }),
-            refinements: None,
             samples,
             max_control_points: options.max_control_points,
             max_error_percent: percent(options.max_error),
             mean_error_percent: percent(options.mean_error),
             iterations: options.iterations,
-            outliers_percent: None,
-            seed,
+            ..Self::of_loop("geometric", template, control_points, options.levels, seed)
         }
     }
 
@@ -139,18 +127,38 @@ impl Settings {
         seed: u64,
     ) -> Self {
         Self {
-            method: "interpolate",
+            refinements: Some(options.refinements),
+            ..Self::of_loop(
+                "interpolate",
+                template,
+                control_points,
+                options.levels,
+                seed,
+            )
+        }
+    }
+
+    /// What methods that make Loop surfaces on their limit have in common.
+    fn of_loop(
+        method: &'static str,
+        template: String,
+        control_points: Option<usize>,
+        levels: usize,
+        seed: u64,
+    ) -> Self {
+        Self {
+            method,
             template,
             control_points,
             holes: None,
             scheme: "loop",
-            levels: options.levels,
+            levels,
             limit: true,
             smoothness: None,
             anisotropy: None,
             polish: None,
             step: None,
-            refinements: Some(options.refinements),
+            refinements: None,
             samples: None,
             max_control_points: None,
             max_error_percent: None,

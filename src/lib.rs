@@ -42,6 +42,7 @@
 //! | [`template`], [`reconstruction`], [`demo`] | where a model starts; a surface from a cloud of points; the built-in scan |
 //! | [`features`] | Monge forms, ridges, umbilics and crossings of a scan |
 //! | [`energy`], [`measure`] | terms on the host; distances, by code that no fit uses |
+//! | [`untangle`] | volume meshes made valid: inverted cells turned right, the worst made better |
 //! | [`model`] | P → X = M P: polygon, Catmull–Clark, Loop; their limit surfaces; curved elements |
 //! | [`optimize`] | L-BFGS, which knows nothing but a closure |
 //! | [`topology`] | edits of connectivity: simplification, splits, flips, cuts |
@@ -75,5 +76,6 @@ pub mod reconstruction;
 pub mod report;
 pub mod template;
 pub mod topology;
+pub mod untangle;
 
 pub use error::{Error, Result};

@@ -103,6 +103,29 @@ fn small_handles_go_unless_they_are_to_be_kept() {
     assert_eq!(euler(Genus::Keep), 0);
 }
 
+#[test]
+fn every_larger_piece_is_wrapped() {
+    let mut other = shapes::sphere(0.4, 4);
+    other.positions.iter_mut().for_each(|p| p.x += 2.0);
+    let pair = joined(&[torus(1.0, 0.4, DVec3::ZERO), other]);
+    assert_wraps("torus and ball", &pair, 1200, 2);
+}
+
+/// A bar bent around until its ends are inside one another.
+#[test]
+fn what_crosses_itself_keeps_its_own_topology() {
+    let mut bar = shapes::box_grid(DVec3::ZERO, DVec3::new(6.8, 0.6, 0.6), [68, 6, 6]);
+    for p in &mut bar.positions {
+        let (angle, radius) = (p.x, 1.0 + p.y);
+        *p = DVec3::new(radius * angle.cos(), radius * angle.sin(), p.z);
+    }
+    let bar = bar.triangulate();
+    let wrapped = automatic(&bar, 1000, Genus::Simplify, Holes::Bridge).expect("a surface");
+    assert_eq!(checked(&wrapped.control).euler_characteristic(), 2);
+    let seen = automatic(&bar, 1000, Genus::Keep, Holes::Bridge).expect("a surface");
+    assert_eq!(checked(&seen.control).euler_characteristic(), 0);
+}
+
 /// A ball with a ring half sunk into it.
 #[test]
 fn handles_larger_than_that_stay() {

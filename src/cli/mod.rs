@@ -12,10 +12,13 @@ mod devices;
 mod features;
 mod fit;
 mod job;
+mod optimize;
 mod outputs;
 mod render;
 mod session;
+mod shell;
 mod summary;
+mod template;
 mod terminal;
 mod text;
 mod volume;
@@ -40,9 +43,12 @@ struct Cli {
 enum Command {
     Fit(Box<fit::Args>),
     Volume(Box<volume::Args>),
+    Optimize(optimize::Args),
+    Shell(shell::Args),
     Demo(demo::Args),
     Features(features::Args),
     Compare(compare::Args),
+    Template(Box<template::Args>),
     Render(render::Args),
     Check(check::Args),
     Devices(devices::Args),
@@ -66,9 +72,12 @@ pub fn main() -> ExitCode {
         match &command {
             Command::Fit(args) => args.run(&session),
             Command::Volume(args) => args.run(&session),
+            Command::Optimize(args) => args.run(&session),
+            Command::Shell(args) => args.run(&session),
             Command::Demo(args) => args.run(&session),
             Command::Features(args) => args.run(&session),
             Command::Compare(args) => args.run(&session),
+            Command::Template(args) => args.run(&session),
             Command::Render(args) => args.run(&session),
             Command::Check(args) => args.run(&session),
             Command::Devices(args) => args.run(&session),

@@ -24,5 +24,8 @@ pub use interpolate::{Interpolation, interpolate};
 pub use record::{Fit, Iteration, StopReason, Terms};
 pub use start::{Proximity, Start, Template};
 pub use target::{Place, Samples, Target, TargetPoint};
-pub use volume::{VolumeFit, VolumeOptions, VolumeStart, VolumeTemplate, fit_volume};
+pub use volume::{
+    Adaptive, PointTarget, SubdivisionFit, SubdivisionLevel, VolumeFit, VolumeOptions, VolumeStart,
+    VolumeTarget, VolumeTemplate, fit_subdivision, fit_volume,
+};
 pub use voronoi::{Options, fit, fit_with_checkpoints};

@@ -10,6 +10,7 @@ use crate::kernel::vsdm::FixedSide;
 use crate::measure::{Boundary, Rim};
 use crate::mesh::sample::{SurfacePoint, sample_by_area};
 use crate::mesh::{Frame, TriangleMesh};
+use crate::reconstruction::{Bridged, bridged};
 use crate::topology::{self, Holes};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -129,8 +130,7 @@ impl Target {
         mesh.positions
             .iter_mut()
             .for_each(|p| *p = frame.to_unit(*p));
-        let real = mesh.triangles.len();
-        mesh.triangles.extend(topology::fill_holes(&mesh, holes));
+        let Bridged { mut mesh, real } = bridged(mesh, holes);
         if holes == Holes::Follow && mesh.triangles.len() > real {
             log::info!("holes less than 3.5 % of the diagonal around are bridged all the same");
         }
@@ -217,11 +217,13 @@ impl Target {
         }
     }
 
-    /// The vertices of the full target.
+    /// The vertices of the full target, but those that are only a bridge's.
     pub fn vertices(&self) -> Samples {
         let normals = self.mesh.vertex_normals();
         let mut weights = vec![(0.0, 0.0); normals.len()];
-        for (triangle, weight) in self.mesh.triangles.iter().zip(&self.weights) {
+        let triangles = self.mesh.triangles.iter().zip(&self.weights);
+        let real = triangles.zip(&self.bridge).filter(|(_, bridge)| !**bridge);
+        for ((triangle, weight), _) in real {
             for &v in triangle {
                 let (sum, count) = &mut weights[v as usize];
                 *sum += weight;
@@ -230,7 +232,7 @@ impl Target {
         }
         let mut samples = Samples::default();
         for (v, &normal) in normals.iter().enumerate() {
-            if normal != DVec3::ZERO {
+            if normal != DVec3::ZERO && weights[v].1 > 0.0 {
                 samples.positions.push(self.mesh.positions[v]);
                 samples.normals.push(normal);
                 samples.weights.push(weights[v].0 / weights[v].1);

@@ -4,6 +4,7 @@ use super::surface_error::Boundary;
 use crate::error::Result;
 use crate::geometry::{Bvh, ClosestPoint};
 use crate::mesh::{Connectivity, PolygonMesh, TriangleMesh};
+use crate::reconstruction::{Bridged, bridged};
 use crate::topology::{self, Holes};
 use glam::DVec3;
 
@@ -18,9 +19,8 @@ pub struct Mended {
 impl Mended {
     /// Of a target with finite positions and valid indices.
     pub fn of(target: &TriangleMesh, holes: Holes) -> Self {
-        let mut mesh = topology::oriented(&topology::cleaned(target));
-        let real = mesh.triangles.len();
-        mesh.triangles.extend(topology::fill_holes(&mesh, holes));
+        let mesh = topology::oriented(&topology::cleaned(target));
+        let Bridged { mesh, real } = bridged(mesh, holes);
         Self { mesh, real, holes }
     }
 

@@ -1,7 +1,7 @@
 //! The error of a fitted surface against its target, with what lies over the target's holes apart.
 //!
 //! Where the target has a hole a good surface closes it, and the distance from there to the target says nothing about the fit. Such points
-//! are known by their closest point on the target with its holes bridged ([`topology::fill_holes`]): it lies on a bridge, or on a
+//! are known by their closest point on the target with its holes bridged ([`bridged`]): it lies on a bridge, or on a
 //! boundary edge that is left. (The rim of the unbridged target does not tell: where it curls inwards, points over the hole are closest
 //! to its inside.)
 
@@ -11,6 +11,7 @@ use crate::error::Result;
 use crate::geometry::{Bvh, ClosestPoint};
 use crate::kernel::closest_point::ClosestPoints;
 use crate::mesh::TriangleMesh;
+use crate::reconstruction::{Bridged, bridged};
 use crate::topology::{self, Holes};
 use glam::DVec3;
 use std::collections::HashMap;
@@ -65,9 +66,9 @@ pub fn surface_error_with(
         forth.add(closest.distance_squared, area);
     })?;
     let (mut covered, mut over_holes) = (Sums::default(), Sums::default());
-    let bridged = Bridged::of(target, holes)?;
-    for_each_sample(surface, &bridged.tree, samples, |closest, area| {
-        let part = match bridged.covers(closest) {
+    let judge = Judge::of(target, holes)?;
+    for_each_sample(surface, &judge.tree, samples, |closest, area| {
+        let part = match judge.covers(closest) {
             true => &mut covered,
             false => &mut over_holes,
         };
@@ -100,24 +101,22 @@ pub fn point_error(points: &[DVec3], surface: &TriangleMesh) -> Result<Figures> 
 /// # Errors
 /// Where the target has no triangle.
 pub fn covered(target: &TriangleMesh, points: &[DVec3], holes: Holes) -> Result<Vec<bool>> {
-    let bridged = Bridged::of(target, holes)?;
-    let closest = bridged.tree.closest_all(points);
-    Ok(closest.iter().map(|c| bridged.covers(c)).collect())
+    let judge = Judge::of(target, holes)?;
+    let closest = judge.tree.closest_all(points);
+    Ok(closest.iter().map(|c| judge.covers(c)).collect())
 }
 
-/// A target with its holes bridged.
-struct Bridged {
+/// Tells what lies over a target with its holes bridged.
+struct Judge {
     /// The triangles that are not bridges come first.
     real: usize,
     boundary: Boundary,
     tree: Bvh,
 }
 
-impl Bridged {
+impl Judge {
     fn of(target: &TriangleMesh, holes: Holes) -> Result<Self> {
-        let mut mesh = topology::cleaned(target);
-        let real = mesh.triangles.len();
-        mesh.triangles.extend(topology::fill_holes(&mesh, holes));
+        let Bridged { mesh, real } = bridged(topology::cleaned(target), holes);
         Ok(Self {
             real,
             boundary: Boundary::of(&mesh),

@@ -269,10 +269,21 @@ impl Connectivity {
         found
     }
 
+    /// The sets of faces that are connected through edges, each from its first face on.
+    pub fn pieces(&self) -> Vec<Vec<usize>> {
+        let mut seen = vec![false; self.face_count()];
+        let mut pieces = Vec::new();
+        for start in 0..seen.len() {
+            if !seen[start] {
+                pieces.push(self.connected(start, &mut seen, |_| true));
+            }
+        }
+        pieces
+    }
+
     /// Whether all faces are connected through edges.
     pub fn is_connected(&self) -> bool {
-        let mut seen = vec![false; self.face_count()];
-        seen.is_empty() || self.connected(0, &mut seen, |_| true).len() == seen.len()
+        self.pieces().len() <= 1
     }
 
     /// V − E + F over the vertices that a face uses: 2 − 2g for a closed surface of genus g.

@@ -1,13 +1,16 @@
-//! A surface from a cloud of points: what Voronoi squared distances need, and templates.
+//! A surface from a cloud of points, which Voronoi squared distances and templates need, and what closes the holes of scans (`bridges`).
 //!
 //! Normals are estimated and turned outwards (`normals`), unless the cloud has some. Each point then becomes a small triangle across its normal that
 //! stands for its share of the surface, and what these triangles go around is inside, by their winding numbers as of any soup ([`crate::template::skin`]).
 //! That surface is moved onto the points by moving least squares (`mls`), and what no point is near to is left open: a hole of the scan,
 //! which a fit bridges and reports apart.
 
+mod bridges;
 mod mls;
 mod neighbours;
 mod normals;
+
+pub use bridges::{Bridged, bridged};
 
 use crate::error::{Error, Result};
 use crate::mesh::weld::equal_positions;
@@ -23,13 +26,28 @@ const OPEN: f64 = 3.0;
 /// The fewest points that can be told from noise.
 const FEWEST: usize = 50;
 
-/// The surface of a cloud of points, in its coordinates: triangles, open where there are no points.
-///
-/// Normals of the cloud are taken as they are, but for their common sign. Details smaller than a cell of the grid, 1/128 of the diagonal or half the points' spacing, are smoothed away.
+/// The points of a cloud, equal ones once, as samples of a surface, in the unit frame.
+#[derive(Debug, Clone)]
+pub struct OrientedPoints {
+    /// From and to the cloud's coordinates.
+    pub frame: Frame,
+    /// `[points]`.
+    pub positions: Vec<DVec3>,
+    /// `[points]`, of length 1, out of what the points bound.
+    pub normals: Vec<DVec3>,
+    /// `[points]`: how much of the surface's area each stands for.
+    pub areas: Vec<f64>,
+    /// For each point an equilateral triangle about it, across its normal and of its area.
+    pub splats: TriangleMesh,
+    neighbours: Neighbours,
+}
+
+/// Samples of the surface that a cloud of points lies on. Normals of the cloud are taken as they are, but for their common sign; they are
+/// estimated if there are none, or if they do not fit the points.
 ///
 /// # Errors
-/// Where there are fewer than 50 different points, no extent, or nothing that the points go around.
-pub fn surface(cloud: &PointCloud) -> Result<TriangleMesh> {
+/// Where there are fewer than 50 different points, or no extent.
+pub fn oriented(cloud: &PointCloud) -> Result<OrientedPoints> {
     let frame = Frame::of_points(&cloud.positions)?;
     let first = equal_positions(&cloud.positions);
     let different = (0..first.len()).filter(|&i| first[i] as usize == i);
@@ -52,14 +70,37 @@ pub fn surface(cloud: &PointCloud) -> Result<TriangleMesh> {
     }
     let neighbours = Neighbours::of_points(&points.positions);
     let normals = normals::oriented(&points, &neighbours);
-    let splats = splats(&points.positions, &normals, &neighbours);
-    let area = (0..points.positions.len())
-        .map(|i| neighbours.area(i))
-        .sum::<f64>();
-    let spacing = (area / points.positions.len() as f64).sqrt();
+    Ok(OrientedPoints {
+        frame,
+        areas: (0..points.positions.len())
+            .map(|i| neighbours.area(i))
+            .collect(),
+        splats: splats(&points.positions, &normals, &neighbours),
+        positions: points.positions,
+        normals,
+        neighbours,
+    })
+}
+
+/// The surface of a cloud of points, in its coordinates: triangles, open where there are no points.
+///
+/// Normals as in [`oriented`]. Details smaller than a cell of the grid, 1/128 of the diagonal or half the points' spacing, are smoothed away.
+///
+/// # Errors
+/// As [`oriented`], and where there is nothing that the points go around.
+pub fn surface(cloud: &PointCloud) -> Result<TriangleMesh> {
+    let OrientedPoints {
+        frame,
+        positions,
+        normals,
+        areas,
+        splats,
+        neighbours,
+    } = oriented(cloud)?;
+    let spacing = (areas.iter().sum::<f64>() / positions.len() as f64).sqrt();
     let mut mesh = template::skin(&splats, CELL * spacing)?;
-    mesh.positions = mls::projected(&mesh.positions, &points.positions, &normals, &neighbours);
-    let mesh = covered(&mesh, &points.positions, &neighbours);
+    mesh.positions = mls::projected(&mesh.positions, &positions, &normals, &neighbours);
+    let mesh = covered(&mesh, &positions, &neighbours);
     Ok(TriangleMesh {
         positions: mesh.positions.iter().map(|&p| frame.to_input(p)).collect(),
         triangles: mesh.triangles,

@@ -10,6 +10,7 @@ use std::f64::consts::PI;
 const COUNT: usize = 12;
 
 /// Lists of neighbours of points.
+#[derive(Debug, Clone)]
 pub(super) struct Graph {
     /// `[points + 1]`.
     offsets: Vec<u32>,
@@ -17,6 +18,7 @@ pub(super) struct Graph {
 }
 
 /// The points of a cloud that are nearest to others or to anything, nearest first.
+#[derive(Debug, Clone)]
 pub(super) struct Neighbours {
     tree: RTree<Entry>,
     graph: Graph,

@@ -16,7 +16,8 @@ use crate::benchmark::Row;
 use crate::device::{Adapter, Device};
 use crate::error::{Error, Result};
 use crate::files::write_whole;
-use crate::fit::{Iteration, StopReason};
+use crate::fit::{Iteration, StopReason, SubdivisionLevel};
+use crate::template::shell::Shell;
 use serde::ser::SerializeMap;
 use serde::{Deserialize, Serialize, Serializer};
 use std::path::Path;
@@ -58,6 +59,12 @@ pub struct Report {
     /// How good a fitted surface is to go on working with.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub cage: Option<CageReport>,
+    /// How good the elements of a volume were that has been optimized.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub quality_before: Option<QualityReport>,
+    /// How thick a shell has become.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub shell: Option<ShellReport>,
     /// How good the elements of a volume are.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub quality: Option<QualityReport>,
@@ -96,6 +103,8 @@ impl Report {
             features: None,
             error: None,
             cage: None,
+            quality_before: None,
+            shell: None,
             quality: None,
             iterations: None,
             converged: None,
@@ -219,6 +228,21 @@ pub struct ResultReport {
     /// Nodes of a volume.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub nodes: Option<usize>,
+    /// What orders by need have saved of them.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub adaptive: Option<AdaptiveReport>,
+    /// The levels of a subdivision volume.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub subdivision: Option<Vec<SubdivisionLevel>>,
+}
+
+/// A volume of orders by need.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct AdaptiveReport {
+    /// Nodes that there are. Files elevate all elements to one order and hold more.
+    pub nodes: usize,
+    /// Their share of those of a mesh whose every element has the highest order that was allowed.
+    pub of_full_percent: f64,
 }
 
 /// How many features of each sort, and how strong.
@@ -313,6 +337,34 @@ pub struct QualityReport {
     pub invalid: usize,
     /// Elements of which it is not known.
     pub undecided: usize,
+}
+
+/// How thick a shell has become, from its far sides to the surface; `_percent` is of the distance asked for.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct ShellReport {
+    /// The distance asked for, in input units.
+    pub distance: f64,
+    /// The least thickness.
+    pub min_percent: f64,
+    /// The mean thickness.
+    pub mean_percent: f64,
+    /// The largest thickness.
+    pub max_percent: f64,
+    /// The share of vertices over which there was no room for all of it, in percent.
+    pub shortened_percent: f64,
+}
+
+impl ShellReport {
+    /// The figures of a shell for which this distance was asked.
+    pub fn of(shell: &Shell, distance: f64) -> Self {
+        Self {
+            distance,
+            min_percent: 100.0 * shell.thickness.min,
+            mean_percent: 100.0 * shell.thickness.mean,
+            max_percent: 100.0 * shell.thickness.max,
+            shortened_percent: 100.0 * shell.shortened,
+        }
+    }
 }
 
 /// Seconds by stage.

@@ -181,6 +181,24 @@ pub struct VolumeSettings {
     pub template: String,
     /// The order of the elements.
     pub order: usize,
+    /// Whether that is only the highest, where it is needed.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub adaptive: bool,
+    /// Where raises end.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max_error_percent: Option<f64>,
+    /// Whether the target was taken as points.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub point_cloud: bool,
+    /// "mlca" for a subdivision volume.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub subdivision: Option<&'static str>,
+    /// Its levels.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub levels: Option<u8>,
+    /// From which angle on its control mesh is sharp.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sharp_degrees: Option<f64>,
     /// "legendre" or "fourier".
     pub basis: &'static str,
     /// The name of the density.
@@ -202,6 +220,12 @@ impl VolumeSettings {
         Self {
             template,
             order: options.order,
+            adaptive: options.adaptive.is_some(),
+            max_error_percent: percent(options.adaptive.and_then(|a| a.max_error)),
+            point_cloud: false,
+            subdivision: None,
+            levels: None,
+            sharp_degrees: None,
             basis: match options.basis {
                 Basis::Legendre => "legendre",
                 Basis::Fourier => "fourier",

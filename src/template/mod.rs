@@ -8,8 +8,10 @@ mod align;
 mod auto;
 mod hole;
 mod network;
+pub mod shell;
 mod torus;
 pub mod volume;
+mod voxels;
 
 pub use align::alignment;
 pub use auto::{Automatic, Genus, automatic, skin};

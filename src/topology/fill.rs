@@ -16,7 +16,7 @@ pub enum Holes {
     Bridge,
     /// Only what is less than 3.5 % of the diagonal around, or four and a half cells of the grid that templates come from: a surface with rims.
     Follow,
-    /// Nothing: of several scans that overlap, what is a hole in one is mostly there in another.
+    /// Nothing from rim to rim: of several scans that overlap, what is a hole in one is mostly there in another ([`crate::reconstruction::bridged`] closes the rest).
     Leave,
 }
 

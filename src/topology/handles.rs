@@ -96,8 +96,10 @@ fn cut(mesh: &TriangleMesh, connectivity: &Connectivity, cycle: [u32; 3]) -> Opt
     }
     let [a, b, c] = copies;
     result.triangles.extend([[c, b, a], cycle]);
-    let is_one_piece = Connectivity::of(&result.clone().into()).is_ok_and(|c| c.is_connected());
-    is_one_piece.then(|| compacted(&result.positions, result.triangles))
+    let pieces = |connectivity: &Connectivity| connectivity.pieces().len();
+    let is_whole = |cut: Connectivity| pieces(&cut) == pieces(connectivity);
+    let is_whole = Connectivity::of(&result.clone().into()).is_ok_and(is_whole);
+    is_whole.then(|| compacted(&result.positions, result.triangles))
 }
 
 /// Moves a vertex a little into its own side: the two sides must not be in the same place, where they would be merged again.

@@ -4,15 +4,15 @@
 //! *watched*, by the barrier, that once left its domain in this fit. What leaves it unwatched is put back to where it was before the
 //! minimization, its neighbours keep what they gained, and from then on it is watched.
 
+use super::body::Body;
 use super::interior::Interior;
 use crate::energy::{BernsteinBarrier, FLOOR};
 use crate::error::Result;
 use crate::kernel::sparse::Csr;
-use crate::model::volume::CurvedVolume;
 use glam::{DMat3, DVec3};
 use std::collections::BTreeMap;
 
-/// The elements of a volume of fixed orders, some of them watched.
+/// The elements of a body of fixed orders, some of them watched.
 pub(super) struct Guard {
     /// The edge lengths of the ideal shapes. `[cells]`.
     sizes: Vec<f64>,
@@ -29,17 +29,17 @@ impl Guard {
     ///
     /// # Errors
     /// As [`BernsteinBarrier::new`].
-    pub fn new(volume: &CurvedVolume, sizes: &[f64], watched: &[u32]) -> Result<Self> {
+    pub fn new(body: &Body, sizes: &[f64], watched: &[u32]) -> Result<Self> {
         let every: Vec<u32> = (0..sizes.len() as u32).collect();
-        let all = Watch::new(volume, sizes, &every)?;
+        let all = Watch::new(body, sizes, &every)?;
         let mut guard = Self {
-            bounds: all.bounds(&volume.coefficients),
+            bounds: all.bounds(body.unknowns()),
             all,
             sizes: sizes.to_vec(),
             watched: Vec::new(),
-            watch: Watch::new(volume, sizes, &[])?,
+            watch: Watch::new(body, sizes, &[])?,
         };
-        guard.watch_also(volume, watched)?;
+        guard.watch_also(body, watched)?;
         Ok(guard)
     }
 
@@ -53,7 +53,7 @@ impl Guard {
         &self.watch
     }
 
-    /// After a minimization that started with the coefficients `before`: puts elements back there until none has left the barrier's domain or
+    /// After a minimization that started with the unknowns `before`: puts elements back there until none has left the barrier's domain or
     /// is inverted in the sense of `interior`, and watches them from now on. Whether there were any.
     ///
     /// It ends, for elements that are back are as good as they were.
@@ -62,40 +62,42 @@ impl Guard {
     /// Where the device fails.
     pub fn settle(
         &mut self,
-        volume: &mut CurvedVolume,
+        body: &mut Body,
         before: &[DVec3],
         interior: &Interior,
     ) -> Result<bool> {
         let mut lost: Vec<u32> = Vec::new();
         loop {
-            let now = self.all.bounds(&volume.coefficients);
+            let now = self.all.bounds(body.unknowns());
             let left = |&c: &usize| self.bounds[c] > FLOOR && now[c] <= FLOOR;
             let mut newly: Vec<u32> = (0..now.len()).filter(left).map(|c| c as u32).collect();
             // What minimized the distortion is not inverted, but what lies beside an element that was put back may be.
             if !lost.is_empty() {
-                newly.extend(interior.inverted(&volume.coefficients)?);
+                newly.extend(interior.inverted(body.unknowns())?);
             }
             if newly.is_empty() {
                 self.bounds = now;
                 break;
             }
             newly.sort_unstable();
-            self.all.put_back(&newly, before, &mut volume.coefficients);
+            let mut unknowns = body.unknowns().to_vec();
+            self.all.put_back(&newly, before, &mut unknowns);
+            body.set_unknowns(unknowns);
             lost.extend(newly);
         }
         if lost.is_empty() {
             return Ok(false);
         }
-        self.watch_also(volume, &lost)?;
+        self.watch_also(body, &lost)?;
         Ok(true)
     }
 
-    fn watch_also(&mut self, volume: &CurvedVolume, cells: &[u32]) -> Result<()> {
+    fn watch_also(&mut self, body: &Body, cells: &[u32]) -> Result<()> {
         let inside = cells.iter().filter(|&&c| self.bounds[c as usize] > FLOOR);
         self.watched.extend(inside);
         self.watched.sort_unstable();
         self.watched.dedup();
-        self.watch = Watch::new(volume, &self.sizes, &self.watched)?;
+        self.watch = Watch::new(body, &self.sizes, &self.watched)?;
         Ok(())
     }
 }
@@ -119,7 +121,8 @@ impl Watch {
     ///
     /// # Errors
     /// As [`BernsteinBarrier::new`].
-    pub fn new(volume: &CurvedVolume, sizes: &[f64], cells: &[u32]) -> Result<Self> {
+    pub fn new(body: &Body, sizes: &[f64], cells: &[u32]) -> Result<Self> {
+        let volume = body.volume();
         let mut parts = Vec::new();
         for mut group in volume.groups() {
             group.cells.retain(|c| cells.binary_search(c).is_ok());
@@ -129,7 +132,7 @@ impl Watch {
             let inverse =
                 |&c: &u32| volume.reference_inverse(c as usize) * sizes[c as usize].recip();
             let inverses = group.cells.iter().map(inverse).collect();
-            let gather = volume.gather(&group.cells);
+            let gather = body.gather(&group.cells);
             parts.push(Part {
                 scatter: gather.transpose(),
                 gather,
@@ -150,10 +153,10 @@ impl Watch {
     }
 
     /// The least Bernstein coefficient of every cell of the volume; infinite where it is not watched.
-    pub fn bounds(&self, coefficients: &[DVec3]) -> Vec<f64> {
+    pub fn bounds(&self, unknowns: &[DVec3]) -> Vec<f64> {
         let mut bounds = vec![f64::INFINITY; self.cell_count];
         for part in &self.parts {
-            let least = part.barrier.bounds(&part.gather.apply(coefficients));
+            let least = part.barrier.bounds(&part.gather.apply(unknowns));
             for (&c, bound) in part.cells.iter().zip(least) {
                 bounds[c as usize] = bound;
             }
@@ -162,11 +165,11 @@ impl Watch {
     }
 
     /// The barrier and its gradient; infinite where a coefficient is not positive.
-    pub fn evaluate(&self, coefficients: &[DVec3]) -> (f64, Vec<DVec3>) {
+    pub fn evaluate(&self, unknowns: &[DVec3]) -> (f64, Vec<DVec3>) {
         let mut value = 0.0;
-        let mut gradient = vec![DVec3::ZERO; coefficients.len()];
+        let mut gradient = vec![DVec3::ZERO; unknowns.len()];
         for part in &self.parts {
-            let (term, local) = part.barrier.evaluate(&part.gather.apply(coefficients));
+            let (term, local) = part.barrier.evaluate(&part.gather.apply(unknowns));
             value += term;
             let sum = part.scatter.apply(&local);
             gradient.iter_mut().zip(&sum).for_each(|(g, s)| *g += *s);
@@ -174,22 +177,22 @@ impl Watch {
         (value, gradient)
     }
 
-    /// What [`BernsteinBarrier::fold_slopes`] knows of the second derivatives, by each coefficient alone. `[coefficients]`.
-    pub fn diagonal(&self, coefficients: &[DVec3]) -> Vec<DMat3> {
-        let mut diagonal = vec![DMat3::ZERO; coefficients.len()];
+    /// What [`BernsteinBarrier::fold_slopes`] knows of the second derivatives, by each unknown alone. `[unknowns]`.
+    pub fn diagonal(&self, unknowns: &[DVec3]) -> Vec<DMat3> {
+        let mut diagonal = vec![DMat3::ZERO; unknowns.len()];
         let add = |sum: &mut BTreeMap<u32, DMat3>, slope: &[(u32, DVec3)]| {
             for &(i, s) in slope {
                 *sum.entry(i).or_insert(DMat3::ZERO) += outer(s, s);
             }
         };
-        for (i, block) in self.fold(coefficients, add).into_iter().flatten() {
+        for (i, block) in self.fold(unknowns, add).into_iter().flatten() {
             diagonal[i as usize] += block;
         }
         diagonal
     }
 
-    /// The same by pairs of coefficients, `(first, second, block)` with first ≥ second, to be added up.
-    pub fn blocks(&self, coefficients: &[DVec3]) -> Vec<(u32, u32, DMat3)> {
+    /// The same by pairs of unknowns, `(first, second, block)` with first ≥ second, to be added up.
+    pub fn blocks(&self, unknowns: &[DVec3]) -> Vec<(u32, u32, DMat3)> {
         let add = |sum: &mut BTreeMap<(u32, u32), DMat3>, slope: &[(u32, DVec3)]| {
             for (k, &(i, s)) in slope.iter().enumerate() {
                 for &(j, t) in &slope[..=k] {
@@ -197,19 +200,19 @@ impl Watch {
                 }
             }
         };
-        let sums = self.fold(coefficients, add).into_iter().flatten();
+        let sums = self.fold(unknowns, add).into_iter().flatten();
         sums.map(|((i, j), block)| (i, j, block)).collect()
     }
 
-    /// Folds over the slopes of each watched element, as coefficients, ascending, and vectors.
+    /// Folds over the slopes of each watched element, as unknowns, ascending, and vectors.
     fn fold<T: Default + Send>(
         &self,
-        coefficients: &[DVec3],
+        unknowns: &[DVec3],
         add: impl Fn(&mut T, &[(u32, DVec3)]) + Sync,
     ) -> Vec<T> {
         let mut results = Vec::new();
         for part in &self.parts {
-            let local = part.gather.apply(coefficients);
+            let local = part.gather.apply(unknowns);
             let modes = local.len() / part.cells.len();
             results.extend(part.barrier.fold_slopes(
                 &local,
@@ -228,7 +231,7 @@ impl Watch {
         results
     }
 
-    /// Copies all coefficients of `cells`, ascending.
+    /// Copies all unknowns of `cells`, ascending.
     fn put_back(&self, cells: &[u32], before: &[DVec3], after: &mut [DVec3]) {
         for part in &self.parts {
             let modes = part.gather.row_count() / part.cells.len();

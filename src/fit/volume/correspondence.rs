@@ -70,7 +70,13 @@ impl Correspondences {
         ((parts[0] + parts[1]) / (self.scale * area)).sqrt()
     }
 
-    fn distances(&self, nodes: &[DVec3]) -> Vec<f64> {
+    /// The goals of samples of S, and those of samples of T.
+    pub fn goals_by_side(&self) -> (&[Goal], &[Goal]) {
+        self.goals.split_at(self.of_surface)
+    }
+
+    /// The signed distance of each point of S from its goal. `[points of S]`.
+    pub fn distances(&self, nodes: &[DVec3]) -> Vec<f64> {
         let points = self.rows.apply(nodes);
         let distance = |(x, g): (&DVec3, &Goal)| g.direction.dot(*x - g.position);
         points.iter().zip(&self.goals).map(distance).collect()

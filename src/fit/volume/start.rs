@@ -1,11 +1,13 @@
 //! Where a volume fit starts.
 
+use super::target::VolumeTarget;
 use crate::error::{Error, Result};
-use crate::fit::Target;
 use crate::mesh::{CellShape, VolumeMesh};
 use crate::model::element::{Basis, reference_volume};
 use crate::model::volume::CurvedVolume;
+use crate::progress::{Event, Progress};
 use crate::template::{self, Align, alignment};
+use crate::untangle::{Boundary, Ideals, inverted, untangle};
 use glam::DVec3;
 
 /// Generated templates fill this share of the target's bounding box: they grow into the target rather than shrink.
@@ -15,9 +17,14 @@ const SHARE: f64 = 0.8;
 /// length of its edges there.
 const NEARBY: f64 = 0.25;
 
+/// How far the boundary of a template may move while it is untangled, in diagonals.
+const UNTANGLED: f64 = 5e-4;
+
 /// What a volume fit starts from, in the target's coordinates.
 #[derive(Debug, Clone, PartialEq)]
 pub enum VolumeTemplate {
+    /// About so many hexahedra made in the target, with its handles ([`template::volume::automatic`]).
+    Auto(usize),
     /// The target's bounding box, somewhat shrunk, as a grid of so many hexahedra along x, y and z.
     Grid([u32; 3]),
     /// A ball in that box: 7 n³ hexahedra.
@@ -71,12 +78,19 @@ impl VolumeStart {
     /// The start for a template.
     ///
     /// # Errors
-    /// Where the template is no volume mesh (see [`CurvedVolume::new`]), cannot be aligned, or a count is 0.
-    pub fn new(target: &Target, template: &VolumeTemplate) -> Result<Self> {
-        let (lo, hi) = target.mesh.bounding_box().unwrap_or_default();
+    /// Where the template is no volume mesh (see [`CurvedVolume::new`]), cannot be aligned or made, or a count is 0.
+    pub fn new<'a>(target: impl Into<VolumeTarget<'a>>, template: &VolumeTemplate) -> Result<Self> {
+        let target = target.into();
+        let (lo, hi) = target.mesh().bounding_box().unwrap_or_default();
         let (center, half) = (0.5 * (lo + hi), 0.5 * SHARE * (hi - lo));
         let (lo, hi) = (center - half, center + half);
         let mesh = match template {
+            VolumeTemplate::Auto(elements) => {
+                return Ok(Self {
+                    mesh: template::volume::automatic(target.mesh(), *elements)?,
+                    nearby: true,
+                });
+            }
             VolumeTemplate::Grid(cells) if cells.contains(&0) => return Err(no_cells()),
             VolumeTemplate::Ball(0) => return Err(no_cells()),
             VolumeTemplate::Grid(cells) => template::volume::grid(lo, hi, *cells),
@@ -89,16 +103,16 @@ impl VolumeStart {
         })
     }
 
-    fn placed(target: &Target, mesh: &VolumeMesh, align: Align) -> Result<Self> {
+    fn placed(target: VolumeTarget<'_>, mesh: &VolumeMesh, align: Align) -> Result<Self> {
         let mut mesh = mesh.clone();
         for p in &mut mesh.positions {
-            *p = target.frame.to_unit(*p);
+            *p = target.frame().to_unit(*p);
         }
         let boundary = |mesh: &VolumeMesh| -> Result<_> {
             let volume = CurvedVolume::new(mesh, Basis::default())?;
             Ok(volume.boundary_surface(1).mesh(&volume.coefficients))
         };
-        let map = alignment(align, &boundary(&mesh)?, &target.mesh)?;
+        let map = alignment(align, &boundary(&mesh)?, target.mesh())?;
         for p in &mut mesh.positions {
             *p = map.transform_point3(*p);
         }
@@ -106,18 +120,33 @@ impl VolumeStart {
         let centers: Vec<DVec3> = (0..surface.triangles.len())
             .map(|t| surface.corners(t).iter().sum::<DVec3>() / 3.0)
             .collect();
-        let square: f64 = target
-            .closest(&centers)?
-            .iter()
-            .zip(&centers)
-            .map(|(c, p)| c.point.distance_squared(*p))
-            .sum::<f64>()
-            / centers.len() as f64;
+        let squares = target.squared_distances(&centers)?;
+        let square = squares.iter().sum::<f64>() / centers.len() as f64;
         // Two triangles to a square.
         let edge = (2.0 * surface.area() / centers.len() as f64).sqrt();
         Ok(Self {
             mesh,
             nearby: square.sqrt() < NEARBY * edge,
+        })
+    }
+
+    /// The same without inverted cells: where there are some, the mesh is untangled over its own boundary.
+    pub(super) fn untangled(self, progress: &dyn Progress) -> Result<Self> {
+        let count = inverted(&self.mesh).into_iter().filter(|x| *x).count();
+        if count == 0 {
+            return Ok(self);
+        }
+        let cells = self.mesh.cell_count();
+        progress.event(Event::Warning(&format!(
+            "{count} of the template's {cells} cells are inverted or degenerate, and untangled first"
+        )));
+        let hold = Boundary::Own {
+            tolerance: UNTANGLED,
+        };
+        let found = untangle(&self.mesh, &Ideals::local(&self.mesh), hold, progress)?;
+        Ok(Self {
+            mesh: found.mesh,
+            ..self
         })
     }
 

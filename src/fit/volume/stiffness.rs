@@ -58,20 +58,16 @@ impl Stiffness {
         diagonal
     }
 
-    /// K, of which only the lower triangle is meant.
-    pub fn matrix(&self, coefficients: &[DVec3]) -> Mat<f64> {
+    /// K of the local modes in `present`, of which only the lower triangle is meant.
+    pub fn matrix(&self, coefficients: &[DVec3], present: &[usize]) -> Mat<f64> {
         let metrics = self.metrics(coefficients);
-        let modes = self
-            .tables
-            .factors
-            .iter()
-            .map(|t| t.modes)
-            .product::<usize>();
+        let modes = present.len();
         let mut roots = vec![0.0; modes * 3 * metrics.len()];
         for (q, (column, metric)) in roots.chunks_exact_mut(3 * modes).zip(&metrics).enumerate() {
             let root = cholesky(metric);
-            for (m, gradient) in mode_gradients(&self.tables, q).into_iter().enumerate() {
-                let scaled = root.transpose() * gradient;
+            let gradients = mode_gradients(&self.tables, q);
+            for (m, &mode) in present.iter().enumerate() {
+                let scaled = root.transpose() * gradients[mode];
                 for k in 0..3 {
                     column[k * modes + m] = scaled[k];
                 }

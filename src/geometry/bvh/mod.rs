@@ -172,18 +172,28 @@ impl Bvh {
 
     /// The point of the surface closest to `p`.
     pub fn closest(&self, p: DVec3) -> ClosestPoint {
-        self.answer(&self.search(p, self.candidate(p, 0), 0.0))
+        self.answer(&self.search(p, self.candidate(p, 0), 0.0, |_| true))
     }
 
     /// The point of the surface closest to `p`, if it is no further away than `distance`.
     pub fn closest_within(&self, p: DVec3, distance: f64) -> Option<ClosestPoint> {
+        self.closest_of(p, distance, |_| true)
+    }
+
+    /// The same of those triangles, by their index, that are `wanted`.
+    pub fn closest_of(
+        &self,
+        p: DVec3,
+        distance: f64,
+        wanted: impl Fn(u32) -> bool,
+    ) -> Option<ClosestPoint> {
         let nothing = Best {
             distance_squared: distance * distance,
             index: u32::MAX,
             slot: 0,
             barycentric: [0.0; 3],
         };
-        let best = self.search(p, nothing, 0.0);
+        let best = self.search(p, nothing, 0.0, wanted);
         (best.index != u32::MAX).then(|| self.answer(&best))
     }
 
@@ -201,7 +211,8 @@ impl Bvh {
             .flat_map_iter(|chunk| {
                 chunk.iter().scan(0, |slot, &i| {
                     let p = points[i as usize];
-                    let best = self.search(p, self.candidate(p, *slot), enough * enough);
+                    let first = self.candidate(p, *slot);
+                    let best = self.search(p, first, enough * enough, |_| true);
                     *slot = best.slot;
                     Some(self.answer(&best))
                 })
@@ -237,8 +248,8 @@ impl Bvh {
         }
     }
 
-    /// The better of `best` and every triangle of the tree, or the first that is found whose squared distance is less than `enough`.
-    fn search(&self, p: DVec3, mut best: Best, enough: f64) -> Best {
+    /// The better of `best` and every triangle of the tree that is wanted, or the first that is found whose squared distance is less than `enough`.
+    fn search(&self, p: DVec3, mut best: Best, enough: f64, wanted: impl Fn(u32) -> bool) -> Best {
         if best.distance_squared < enough {
             return best;
         }
@@ -259,7 +270,7 @@ impl Bvh {
                 let (first, count) = leaf_range(child);
                 for slot in first..first + count {
                     let candidate = self.candidate(p, slot);
-                    if candidate.beats(&best) {
+                    if candidate.beats(&best) && wanted(candidate.index) {
                         best = candidate;
                         if best.distance_squared < enough {
                             return best;

@@ -1,8 +1,9 @@
 //! Curved volumes: cells of any shape and order that share vertices, edges and faces, as a linear function of coefficients.
 //!
 //! A [`CurvedVolume`] has a coefficient for each vertex (its position) and for each mode inside an edge, a face and a cell. Orders are kept
-//! per entity under the maximum rule: an edge or a face has the highest order of the cells around it. A cell computes at its
-//! *kernel order*, the highest of its entities; modes that an entity lacks are zero there, so any mix conforms.
+//! per entity under the maximum rule: where cells are [`raised`](CurvedVolume::raised), an edge or a face has the highest order of the cells
+//! around it; where only the boundary is [`graded`](CurvedVolume::graded), an edge there has that of the faces around it. A cell computes
+//! at its *kernel order*, the highest of its entities; modes that an entity lacks are zero there, so any mix conforms.
 //!
 //! The [`gather`](CurvedVolume::gather) takes coefficients to the local modes of cells, in the order that [`crate::model::element`] defines; its transpose takes
 //! gradients back. Local modes are in the cell's *frame*: tetrahedra and the triangles of prisms take their corners by ascending
@@ -13,19 +14,21 @@ mod boundary;
 mod entities;
 mod gather;
 mod nodes;
+mod orders;
+mod subdivision;
 #[cfg(test)]
 mod tests;
 
 pub use boundary::{BoundaryPoint, BoundarySurface};
+pub use subdivision::{ControlVolume, Subdivided};
 
 use crate::error::{Error, Result};
 use crate::kernel::sparse::Csr;
 use crate::mesh::{CellShape, VolumeMesh};
-use crate::model::element::{
-    Basis, Factor, Grid, MAX_ORDER, Tables, corners, mode_count, modes, reference_matrix,
-};
+use crate::model::element::{Basis, Factor, Grid, Tables, corners, mode_count, reference_matrix};
 use entities::{Entities, Face};
 use glam::{DMat3, DVec3};
+use orders::Modes;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -45,37 +48,6 @@ pub struct CurvedVolume {
     edges: Modes,
     faces: Modes,
     interiors: Modes,
-}
-
-/// The orders of the edges, the faces or the cells, and where their coefficients are.
-#[derive(Debug, Clone, PartialEq)]
-struct Modes {
-    orders: Vec<u8>,
-    /// `[entities + 1]`.
-    starts: Vec<u32>,
-}
-
-impl Modes {
-    /// Entities of the given orders, with `count(entity, order)` coefficients each from `first` on.
-    fn new(orders: Vec<u8>, first: u32, count: impl Fn(usize, usize) -> usize) -> Self {
-        let mut starts = vec![first];
-        for (k, &order) in orders.iter().enumerate() {
-            starts.push(starts[k] + count(k, usize::from(order)) as u32);
-        }
-        Self { orders, starts }
-    }
-
-    fn range(&self, k: usize) -> Range<u32> {
-        self.starts[k]..self.starts[k + 1]
-    }
-
-    fn end(&self) -> u32 {
-        self.starts[self.starts.len() - 1]
-    }
-
-    fn order(&self, k: usize) -> usize {
-        usize::from(self.orders[k])
-    }
 }
 
 /// Cells that a kernel can do together.
@@ -121,81 +93,6 @@ impl CurvedVolume {
         })
     }
 
-    /// The same volume with `orders[c]` in cell c, if that is more than it has: edges and faces get the highest order around
-    /// them, new coefficients are zero, and the shape does not change.
-    ///
-    /// # Errors
-    /// Where an order is not in 1 to [`MAX_ORDER`], or there would be more coefficients than 32-bit indices serve.
-    pub fn raised(&self, orders: &[usize]) -> Result<Self> {
-        assert_eq!(orders.len(), self.cell_count(), "orders of the cells");
-        if let Some(order) = orders.iter().find(|o| !(1..=MAX_ORDER).contains(*o)) {
-            return Err(Error::input(
-                format!("an element of order {order} was asked for"),
-                format!("use an order from 1 to {MAX_ORDER}"),
-            ));
-        }
-        let modes: usize = (0..orders.len())
-            .map(|c| mode_count(self.shape(c), orders[c]))
-            .sum();
-        if modes > i32::MAX as usize {
-            return Err(Error::input(
-                format!("these orders make {modes} modes"),
-                "use a lower order or fewer cells",
-            ));
-        }
-        let mut edges = self.edges.orders.clone();
-        let mut faces = self.faces.orders.clone();
-        let mut interiors = self.interiors.orders.clone();
-        for (c, &order) in orders.iter().enumerate() {
-            let raise = |o: &mut u8| *o = (*o).max(order as u8);
-            raise(&mut interiors[c]);
-            let of = &self.entities;
-            of.edges_of(c)
-                .iter()
-                .for_each(|&e| raise(&mut edges[e as usize]));
-            of.faces_of(c)
-                .iter()
-                .for_each(|&f| raise(&mut faces[f as usize]));
-        }
-        Ok(self.with_orders(edges, faces, interiors))
-    }
-
-    fn with_orders(&self, edges: Vec<u8>, faces: Vec<u8>, interiors: Vec<u8>) -> Self {
-        let vertices = self.vertex_count();
-        let edges = Modes::new(edges, vertices as u32, |_, p| modes::edge_count(p));
-        let faces = Modes::new(faces, edges.end(), |f, p| match self.entities.faces[f] {
-            Face::Triangle(_) => modes::triangle_count(p),
-            Face::Quad(_) => modes::quad_count(p),
-        });
-        let interiors = Modes::new(interiors, faces.end(), |c, p| {
-            modes::interior_count(self.shape(c), p)
-        });
-        let mut coefficients = self.coefficients[..vertices].to_vec();
-        coefficients.resize(interiors.end() as usize, DVec3::ZERO);
-        for (old, new) in [
-            (&self.edges, &edges),
-            (&self.faces, &faces),
-            (&self.interiors, &interiors),
-        ] {
-            // Lists of modes are hierarchical: those of the lower order come first.
-            for k in 0..old.orders.len() {
-                let kept = old.range(k);
-                let first = new.starts[k] as usize;
-                coefficients[first..first + kept.len()]
-                    .copy_from_slice(&self.coefficients[kept.start as usize..kept.end as usize]);
-            }
-        }
-        Self {
-            basis: self.basis,
-            coefficients,
-            cells: self.cells.clone(),
-            entities: self.entities.clone(),
-            edges,
-            faces,
-            interiors,
-        }
-    }
-
     /// The kernels of the modes.
     pub fn basis(&self) -> Basis {
         self.basis
@@ -221,75 +118,10 @@ impl CurvedVolume {
         self.cells.cell(c)
     }
 
-    /// The order that was asked for in cell `c`; the kernel order may be higher.
-    pub fn order(&self, c: usize) -> usize {
-        self.interiors.order(c)
-    }
-
-    /// The highest order of the entities of cell `c`, at which its kernels compute.
-    pub fn kernel_order(&self, c: usize) -> usize {
-        let edges = self
-            .entities
-            .edges_of(c)
-            .iter()
-            .map(|&e| self.edges.order(e as usize));
-        let faces = self
-            .entities
-            .faces_of(c)
-            .iter()
-            .map(|&f| self.faces.order(f as usize));
-        edges.chain(faces).fold(self.order(c), usize::max)
-    }
-
     /// The coefficients of the modes inside local edge `e` of cell `c`, by ascending mode; they run from the smaller to the
     /// larger vertex.
     pub fn edge_coefficients(&self, c: usize, e: usize) -> Range<u32> {
         self.edge_modes(self.entities.edges_of(c)[e])
-    }
-
-    /// All cells, by shape and kernel order.
-    pub fn groups(&self) -> Vec<Group> {
-        let mut groups: BTreeMap<(CellShape, usize), Vec<u32>> = BTreeMap::new();
-        for c in 0..self.cell_count() {
-            let key = (self.shape(c), self.kernel_order(c));
-            groups.entry(key).or_default().push(c as u32);
-        }
-        groups
-            .into_iter()
-            .map(|((shape, order), cells)| Group {
-                shape,
-                order,
-                cells,
-            })
-            .collect()
-    }
-
-    /// The coefficients of the modes inside the edges, the faces and the cell itself that make cell `c` one of its kernel order
-    /// rather than one less.
-    pub fn top_modes(&self, c: usize) -> Vec<u32> {
-        let order = self.kernel_order(c);
-        let top = |modes: &Modes, k: usize, count: &dyn Fn(usize) -> usize| -> Vec<u32> {
-            if modes.order(k) < order || order == 1 {
-                return Vec::new();
-            }
-            let range = modes.range(k);
-            (range.start + count(order - 1) as u32..range.end).collect()
-        };
-        let mut list = Vec::new();
-        for &e in self.entities.edges_of(c) {
-            list.extend(top(&self.edges, e as usize, &modes::edge_count));
-        }
-        for &f in self.entities.faces_of(c) {
-            let count: &dyn Fn(usize) -> usize = match self.entities.faces[f as usize] {
-                Face::Triangle(_) => &modes::triangle_count,
-                Face::Quad(_) => &modes::quad_count,
-            };
-            list.extend(top(&self.faces, f as usize, count));
-        }
-        list.extend(top(&self.interiors, c, &|p| {
-            modes::interior_count(self.shape(c), p)
-        }));
-        list
     }
 
     /// The matrix from coefficients to the local modes of the given cells, one cell after the other, each with

@@ -9,12 +9,6 @@ use faer::linalg::solvers::DenseSolveCore;
 use glam::DVec3;
 
 impl CurvedVolume {
-    /// The highest kernel order of any cell: nodes of this order hold a volume of the Legendre basis exactly.
-    pub fn highest_order(&self) -> usize {
-        let orders = (0..self.cell_count()).map(|c| self.kernel_order(c));
-        orders.max().unwrap_or(1)
-    }
-
     /// All cells as polynomials of one order, through their positions at evenly spaced nodes that neighbours share.
     ///
     /// Exact in the Legendre basis from [`CurvedVolume::highest_order`] on; of the Fourier basis it is an interpolation, with the error

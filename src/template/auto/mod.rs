@@ -5,6 +5,8 @@
 //! topology ([`crate::topology::simplify`]), has its triangles paired into quads ([`quads`], [`matching`]), is divided once, which leaves most vertices with four edges, and
 //! is relaxed on the target. Where the target's rims are to be followed, the fine surface is first cut open along them ([`opening`]). A [`gate`] judges the result; what it rejects is tried again in another way ([`ATTEMPTS`]).
 //!
+//! Grids join what touches or crosses itself: a target that is one closed manifold of another topology than its skin is simplified in the skin's place.
+//!
 //! **Handles** that are small around are noise in most scans: simplification shrinks them to loops of three edges, which are cut
 //! ([`crate::topology::cut_handles`]). Which are small is a share of the diagonal ([`SMALL_HANDLE`]); [`Genus::Keep`] cuts none.
 
@@ -13,7 +15,6 @@ mod matching;
 mod opening;
 mod quads;
 mod skin;
-mod voxels;
 
 use super::without_unused_vertices;
 use crate::error::Result;
@@ -25,6 +26,12 @@ use skin::{NEAR, Skin, Subject};
 
 /// A handle or tunnel that is at most this far around, in diagonals of the target, is cut: four and a half cells of the grid that sees it.
 const SMALL_HANDLE: f64 = 4.5 / 128.0;
+
+/// Vertices of a surface that small handles were cut from, where no number is asked for.
+const BODY: usize = 1500;
+
+/// Vertices of the target this far from what is wrapped, in diagonals, are those of crumbs and spikes that are left out.
+const LEFT_OUT: f64 = 0.03;
 
 /// The fewest vertices to which a surface is simplified: a tetrahedron's.
 const FEWEST: usize = 4;
@@ -44,7 +51,7 @@ pub enum Genus {
 pub struct Automatic {
     /// Quads, a manifold on the target: closed, or open where its rims are followed. Only then a triangle may be among them.
     pub control: ControlMesh,
-    /// Whether it has the right topology and hardly a fold: then a fit may start with closest points.
+    /// Whether a fit should start with closest points: it has the right topology and hardly a fold, or Voronoi cells would do harm, as between scans and at rims.
     pub sound: bool,
 }
 
@@ -87,7 +94,7 @@ const RELAXATION: usize = 3;
 
 /// Quads of about `control_points` points around a target, with its Euler characteristic.
 ///
-/// The target may have holes, overlaps, several components (the largest is taken) and bad triangles, but should face outwards ([`topology::oriented`]).
+/// The target may have holes, overlaps, several components (crumbs beside the largest are left out) and bad triangles, but should face outwards ([`topology::oriented`]).
 /// With [`Holes::Follow`] it is open where the target is.
 /// Where no attempt passes the gate the best is returned, with a warning in the log. A few seconds at 10⁵ triangles, most of it winding numbers.
 ///
@@ -104,7 +111,14 @@ pub fn automatic(
     if let Some(rim) = &subject.rim {
         skin = opening::opened(skin, &subject, rim)?;
     }
-    let skin = simplify_genus(skin, control_points, genus)?;
+    let skin = simplified(skin, &subject, control_points, genus)?;
+    if let Some((count, farthest)) = subject.left_out(&skin, LEFT_OUT)? {
+        log::warn!(
+            "the template leaves out {count} of the target's {} vertices, in crumbs or spikes up to {:.1} % of the diagonal away from it",
+            target.positions.len(),
+            100.0 * farthest
+        );
+    }
     let mut best: Option<(Judgement, PolygonMesh)> = None;
     for (k, attempt) in (1..).zip(ATTEMPTS) {
         let judged = attempt
@@ -158,8 +172,10 @@ pub fn automatic(
     }
     Ok(Automatic {
         control: quads.into(),
-        // Where scans overlap some face away behind others, and Voronoi cells collapse over the gaps between them.
-        sound: judgement.is_sound() || skin.layers > 1.0 && !judgement.is_two_sided(),
+        // Where scans overlap some face away behind others, and Voronoi cells collapse over the gaps between them; of rims they know nothing.
+        sound: judgement.is_sound()
+            || subject.rim.is_some()
+            || subject.layers > 1.0 && !judgement.is_two_sided(),
     })
 }
 
@@ -172,12 +188,18 @@ pub fn skin(target: &TriangleMesh, least: f64) -> Result<TriangleMesh> {
     Ok(Subject::new(target, Holes::Bridge)?.skin(least)?.mesh)
 }
 
-/// The skin without its small handles, if they are to go.
-fn simplify_genus(skin: Skin, control_points: usize, genus: Genus) -> Result<Skin> {
-    if genus == Genus::Keep {
-        return Ok(skin);
-    }
-    let coarse = topology::simplify(&skin.mesh, vertices(control_points)).mesh;
+/// Such a surface without the handles that [`Genus::Simplify`] closes, coarser where there were some.
+///
+/// # Errors
+/// As [`automatic`].
+pub(super) fn body(target: &TriangleMesh) -> Result<TriangleMesh> {
+    let skin = Subject::new(target, Holes::Bridge)?.skin(0.0)?;
+    Ok(without_small_handles(skin, BODY)?.mesh)
+}
+
+/// The skin with its small handles closed.
+fn without_small_handles(skin: Skin, points: usize) -> Result<Skin> {
+    let coarse = topology::simplify(&skin.mesh, vertices(points)).mesh;
     let Some((lo, hi)) = skin.mesh.bounding_box() else {
         return Ok(skin);
     };
@@ -191,6 +213,27 @@ fn simplify_genus(skin: Skin, control_points: usize, genus: Genus) -> Result<Ski
         euler: skin.euler + 2 * handles as i64,
         ..skin
     })
+}
+
+/// The skin without its small handles, if they are to go; or the target in its place, where that is a manifold of another topology.
+fn simplified(skin: Skin, subject: &Subject, points: usize, genus: Genus) -> Result<Skin> {
+    if genus == Genus::Keep {
+        return Ok(skin);
+    }
+    let skin = without_small_handles(skin, points)?;
+    let Some(itself) = subject.itself(&skin) else {
+        return Ok(skin);
+    };
+    let itself = without_small_handles(itself, points)?;
+    if itself.euler == skin.euler {
+        return Ok(skin);
+    }
+    log::info!(
+        "automatic template: the grid shows an Euler characteristic of {}, the target has {}, so its own triangles are taken",
+        skin.euler,
+        itself.euler
+    );
+    Ok(itself)
 }
 
 fn vertices(points: usize) -> topology::Target {
@@ -217,7 +260,7 @@ impl Attempt {
         for step in 1..=RELAXATION {
             quads::relax(&mut quads, &connectivity);
             if self.guided || step == RELAXATION {
-                subject.draw_on(&mut quads, &connectivity, 1.0, reach);
+                subject.draw_on(&mut quads, &connectivity, 1.0, reach, skin.enclosed);
             }
         }
         Ok(quads)

@@ -37,7 +37,13 @@ pub(super) fn opened(skin: Skin, subject: &Subject, rim: &Rim) -> Result<Skin> {
     let connectivity = Connectivity::of(&mesh)?;
     for _ in 0..STEPS {
         relax(&mut mesh, &connectivity);
-        subject.draw_on(&mut mesh, &connectivity, ONTO, NEAR * skin.cell);
+        subject.draw_on(
+            &mut mesh,
+            &connectivity,
+            ONTO,
+            NEAR * skin.cell,
+            skin.enclosed,
+        );
     }
     Ok(Skin {
         euler: connectivity.euler_characteristic(),

@@ -189,13 +189,28 @@ pub(super) fn relax(mesh: &mut PolygonMesh, connectivity: &Connectivity) {
     mesh.positions = moved.collect();
 }
 
-/// Moves points a share of the way to the closest points of a target. Points further from it than `reach` stay: it has nothing there.
-pub(super) fn project(target: &Bvh, points: &mut [DVec3], share: f64, reach: f64) {
-    let closest = target.closest_all(points);
-    for (p, c) in points.iter_mut().zip(closest) {
-        if c.distance_squared <= reach * reach {
-            *p += share * (c.point - *p);
+/// Moves the vertices of a mesh a share of the way to the closest points of a target. Where it is `two_sided`, to what of it faces like them, if there is such near: the
+/// other side of a thin wall is often closer. Vertices further from the target than `reach` stay: it has nothing there.
+pub(super) fn project(
+    target: &TriangleMesh,
+    tree: &Bvh,
+    mesh: &mut PolygonMesh,
+    share: f64,
+    reach: f64,
+    two_sided: bool,
+) {
+    let closest = tree.closest_all(&mesh.positions);
+    let normals = mesh.triangulate().vertex_normals();
+    let vertices = mesh.positions.iter_mut().zip(normals).zip(closest);
+    for ((p, normal), mut c) in vertices {
+        if c.distance_squared > reach * reach {
+            continue;
         }
+        let faces_alike = |t: u32| target.area_vector(t as usize).dot(normal) > 0.0;
+        if two_sided && !faces_alike(c.triangle) {
+            c = tree.closest_of(*p, reach, faces_alike).unwrap_or(c);
+        }
+        *p += share * (c.point - *p);
     }
 }
 
@@ -257,9 +272,33 @@ mod tests {
     fn what_a_target_does_not_reach_stays() {
         let ball = shapes::sphere(1.0, 3);
         let tree = Bvh::new(&ball.positions, &ball.triangles).expect("triangles");
-        let mut points = [DVec3::new(0.0, 0.0, 1.1), DVec3::new(0.0, 0.0, 3.0)];
-        project(&tree, &mut points, 1.0, 0.5);
-        assert!((points[0].length() - 1.0).abs() < 0.01);
-        assert_eq!(points[1], DVec3::new(0.0, 0.0, 3.0));
+        let mut far = shapes::sphere(1.1, 2);
+        far.positions[0] *= 3.0;
+        let stays = far.positions[0];
+        let mut far: PolygonMesh = far.into();
+        project(&ball, &tree, &mut far, 1.0, 0.5, true);
+        assert_eq!(far.positions[0], stays);
+        let off = |p: &DVec3| (p.length() - 1.0).abs();
+        assert!(far.positions[1..].iter().map(off).fold(0.0, f64::max) < 0.02);
+    }
+
+    #[test]
+    fn the_sides_of_a_thin_wall_are_told_apart() {
+        let wall = shapes::box_grid(DVec3::ZERO, DVec3::new(1.0, 1.0, 0.02), [8, 8, 1]);
+        let wall = wall.triangulate();
+        let tree = Bvh::new(&wall.positions, &wall.triangles).expect("triangles");
+        // Each side nearer to the other one.
+        let mut inside_out = wall.clone();
+        for p in &mut inside_out.positions {
+            p.z = 0.02 - p.z;
+        }
+        let mut inside_out: PolygonMesh = inside_out.into();
+        let upper = |p: &DVec3| p.z > 0.01;
+        let wrong: Vec<bool> = inside_out.positions.iter().map(upper).collect();
+        project(&wall, &tree, &mut inside_out, 1.0, 0.1, true);
+        for (p, wrong) in inside_out.positions.iter().zip(wrong) {
+            let inner = (0.1..0.9).contains(&p.x) && (0.1..0.9).contains(&p.y);
+            assert!(!inner || upper(p) != wrong, "{p}");
+        }
     }
 }

@@ -1,14 +1,15 @@
 //! A fine closed surface around a target: the boundary of what is inside it, by winding number, on a grid.
 //!
-//! The inside is where the winding number is above a threshold; ½ for closed targets, less where sheets are missing. Scans that overlap go round each point several times, and the
-//! threshold is that many times as high: close to a wall of k layers among walls of m in the mean the number is ½ (m ± k) on its two sides. Where no threshold
+//! The inside is where the winding number is above a threshold; ½ for closed targets, less where sheets are missing. Scans that overlap go round each point several times, but
+//! not everywhere as often: each triangle counts only as the share of its place that it has, by the jump of the winding number across it ([`winding_numbers`]). Where no threshold
 //! gives a surface near all of the target (an open sheet, a double wall), the inside is what is near it. The genus of such a surface is not monotone in the grid's resolution, so two
 //! are asked, and a finer one where they do not agree, unless that is the one that fills with handles.
 
+use super::super::network::halve_long_edges;
 use super::super::torus::area_covariance;
+use super::super::voxels::{Grid, Voxels};
 use super::opening::onto_rim;
 use super::quads::{project, relax};
-use super::voxels::{Grid, Voxels};
 use crate::error::{Error, Result};
 use crate::geometry::random::Random;
 use crate::geometry::winding::WindingNumbers;
@@ -26,9 +27,12 @@ const CELLS: [f64; 3] = [96.0, 128.0, 192.0];
 /// Thresholds on the winding number, for one layer. Never lower: handles appear.
 const THRESHOLDS: [f64; 3] = [0.5, 0.35, 0.25];
 
-/// A target of so many layers and more overlaps itself; and every how many samples are asked for them.
+/// A target of so many layers and more overlaps itself; and how many samples are asked for them.
 const LAYERS: f64 = 1.1;
-const LAYERS_EVERY: usize = 10;
+const LAYERS_SAMPLES: usize = 2_000;
+
+/// How far from the target its layers are counted, in diagonals: farther than scans are apart, nearer than the other side of a wall.
+const ACROSS: f64 = 0.004;
 
 /// A finer grid with more handles than this beyond those that the coarser one has seen sees the gaps of a double wall.
 const MOST_HANDLES: i64 = 24;
@@ -39,6 +43,11 @@ const COVERED: f64 = 0.99;
 /// The share that is taken rather than wrap a target on both sides: range scans have flaps and spikes that nothing encloses.
 const NEARLY_COVERED: f64 = 0.95;
 const SURFACE: f64 = 0.9;
+
+/// A piece of what is inside is kept if it has this share of the cubes of the largest: less are crumbs. Of more pieces than so many the smaller ones are left out, and
+/// all but one of what nothing encloses, or loose triangles would make a surface.
+const PIECE: f64 = 0.01;
+const MOST_PIECES: usize = 8;
 
 /// What is near, in cells; also how far a vertex of the skin may be moved onto the target.
 pub(super) const NEAR: f64 = 1.5;
@@ -66,8 +75,10 @@ pub(super) struct Subject<'a> {
     pub tree: Bvh,
     bounds: (DVec3, DVec3),
     winding: WindingNumbers,
-    /// Area samples with the normals there.
-    samples: Vec<(DVec3, DVec3)>,
+    /// How many times the target goes around its inside in the mean; 1 unless it is clearly more.
+    pub layers: f64,
+    /// Area samples.
+    samples: Vec<DVec3>,
     /// What the border of an open template is to follow.
     pub rim: Option<Rim>,
 }
@@ -81,8 +92,8 @@ pub(super) struct Skin {
     pub cell: f64,
     /// The share of the target that is near it.
     pub covered: f64,
-    /// How many times the target goes around it.
-    pub layers: f64,
+    /// Whether it is of winding numbers: sheets that are wrapped at a distance have one side for both of the skin's.
+    pub enclosed: bool,
 }
 
 impl<'a> Subject<'a> {
@@ -92,17 +103,16 @@ impl<'a> Subject<'a> {
     /// Where it has no triangle.
     pub fn new(mesh: &'a TriangleMesh, holes: Holes) -> Result<Self> {
         let samples = sample_by_area(mesh, SAMPLES, 0);
+        let (lo, hi) = mesh.bounding_box().unwrap_or_default();
+        let (winding, layers) = winding_numbers(mesh, ACROSS * (hi - lo).length());
         Ok(Self {
             tree: Bvh::new(&mesh.positions, &mesh.triangles)?,
-            bounds: mesh.bounding_box().unwrap_or_default(),
-            winding: WindingNumbers::of(mesh),
+            bounds: (lo, hi),
+            winding,
+            layers,
             samples: samples
                 .iter()
-                .map(|s| {
-                    let t = s.triangle as usize;
-                    let normal = mesh.area_vector(t).normalize_or_zero();
-                    (s.position(mesh.corners(t)), normal)
-                })
+                .map(|s| s.position(mesh.corners(s.triangle as usize)))
                 .collect(),
             rim: match holes {
                 Holes::Bridge | Holes::Leave => None,
@@ -112,15 +122,17 @@ impl<'a> Subject<'a> {
         })
     }
 
-    /// Moves the vertices of a mesh a share of the way onto the target, and those of its border onto the rim; none that is further from there than `reach`.
+    /// Moves the vertices of a mesh a share of the way onto the target, on the side that they face if it is `enclosed`, and those of its border onto the rim; none that
+    /// is further from there than `reach`.
     pub fn draw_on(
         &self,
         mesh: &mut PolygonMesh,
         connectivity: &Connectivity,
         share: f64,
         reach: f64,
+        enclosed: bool,
     ) {
-        project(&self.tree, &mut mesh.positions, share, reach);
+        project(self.mesh, &self.tree, mesh, share, reach, enclosed);
         if let Some(rim) = &self.rim {
             onto_rim(mesh, connectivity, rim, reach);
         }
@@ -168,20 +180,50 @@ impl<'a> Subject<'a> {
         }
     }
 
+    /// How many vertices of the target are further from a skin than this share of the diagonal, and how far the farthest of them is, in diagonals.
+    pub fn left_out(&self, skin: &Skin, share: f64) -> Result<Option<(usize, f64)>> {
+        let diagonal = (self.bounds.1 - self.bounds.0).length();
+        let tree = Bvh::new(&skin.mesh.positions, &skin.mesh.triangles)?;
+        let closest = tree.closest_beyond(&self.mesh.positions, share * diagonal);
+        let distances = closest.iter().map(|c| c.distance_squared.sqrt() / diagonal);
+        let far: Vec<f64> = distances.filter(|d| *d > share).collect();
+        let farthest = far.iter().copied().reduce(f64::max);
+        Ok(farthest.map(|farthest| (far.len(), farthest)))
+    }
+
+    /// The target itself, where it is one closed manifold, which its skin on the grid is not of the topology of: it touches or crosses itself. Edges longer than a cell are halved.
+    pub fn itself(&self, skin: &Skin) -> Option<Skin> {
+        let connectivity = Connectivity::of(&self.mesh.clone().into()).ok()?;
+        let is_closed =
+            || (0..connectivity.edge_count() as u32).all(|e| !connectivity.is_boundary_edge(e));
+        let euler = connectivity.euler_characteristic();
+        if euler == skin.euler || !connectivity.is_connected() || !is_closed() {
+            return None;
+        }
+        let mut mesh = self.mesh.clone();
+        halve_long_edges(&mut mesh, skin.cell, |_, _| ());
+        Some(Skin {
+            mesh,
+            euler,
+            cell: skin.cell,
+            covered: 1.0,
+            enclosed: true,
+        })
+    }
+
     /// The skin on a grid of so many cells to the diagonal; none where nothing is inside.
     fn skin_of(&self, cells: f64) -> Result<Option<Skin>> {
         let (lo, hi) = self.bounds;
         let grid = Grid::around(self.bounds, (hi - lo).length() / cells);
         let centers = grid.centers();
         let winding = self.winding.at_all(&centers);
-        let layers = self.layers(NEAR * grid.h);
         let mut best: Option<Skin> = None;
         for threshold in THRESHOLDS {
-            let inside = winding.iter().map(|&w| w > layers * threshold).collect();
-            let skin = self.finish(Voxels::new(&grid, inside), grid.h, layers)?;
+            let inside = winding.iter().map(|&w| w > threshold).collect();
+            let skin = self.finish(Voxels::new(&grid, inside), grid.h, true)?;
             let Some(skin) = skin else { continue };
             log::debug!(
-                "winding numbers above {threshold} of {layers:.2} layers at {cells} cells to the diagonal: Euler characteristic {}, {:.1} % of the target near",
+                "winding numbers above {threshold} at {cells} cells to the diagonal: Euler characteristic {}, {:.1} % of the target near",
                 skin.euler,
                 100.0 * skin.covered
             );
@@ -202,7 +244,7 @@ impl<'a> Subject<'a> {
         let mut voxels = Voxels::new(&grid, centers.par_iter().map(near).collect());
         voxels.fill_cavities();
         voxels.erode();
-        let skin = self.finish(voxels, grid.h, 1.0)?;
+        let skin = self.finish(voxels, grid.h, false)?;
         let covered = skin.as_ref().map_or(0.0, |s| s.covered);
         log::info!(
             "automatic template: no winding number encloses the target at {cells} cells to the diagonal; {:.0} % lie near what is within {NEAR} cells of it",
@@ -211,24 +253,12 @@ impl<'a> Subject<'a> {
         Ok(skin)
     }
 
-    /// How many times the target goes around its inside: the mean jump of the winding number across it, at this distance. 1 unless it is clearly more.
-    fn layers(&self, distance: f64) -> f64 {
-        let sides = |side: f64| -> Vec<DVec3> {
-            let samples = self.samples.iter().step_by(LAYERS_EVERY);
-            samples.map(|(p, n)| *p - side * distance * *n).collect()
-        };
-        let [inner, outer] = [1.0, -1.0].map(|side| self.winding.at_all(&sides(side)));
-        let jumps: f64 = inner.iter().zip(&outer).map(|(a, b)| a - b).sum();
-        let layers = jumps / inner.len().max(1) as f64;
-        if layers < LAYERS { 1.0 } else { layers }
-    }
-
-    /// The smoothed surface of the largest piece, drawn towards the target.
-    fn finish(&self, mut voxels: Voxels, h: f64, layers: f64) -> Result<Option<Skin>> {
-        voxels.keep_largest();
+    /// The smoothed surface of the larger pieces, drawn towards the target.
+    fn finish(&self, mut voxels: Voxels, h: f64, enclosed: bool) -> Result<Option<Skin>> {
+        voxels.keep_large(if enclosed { MOST_PIECES } else { 1 }, PIECE);
         voxels.fill_cavities();
         voxels.fill_pinches();
-        let mut mesh = largest_component(&voxels.surface());
+        let mut mesh = without_cavities(voxels.surface())?;
         if mesh.face_count() == 0 {
             return Ok(None);
         }
@@ -240,7 +270,7 @@ impl<'a> Subject<'a> {
                 *p = at + (*p - at).clamp_length_max(MOVED * h);
             }
         }
-        project(&self.tree, &mut mesh.positions, ONTO, NEAR * h);
+        project(self.mesh, &self.tree, &mut mesh, ONTO, NEAR * h, enclosed);
         let mut random = Random::new(0);
         for p in &mut mesh.positions {
             let mut any = || random.between(-JITTER, JITTER);
@@ -248,45 +278,65 @@ impl<'a> Subject<'a> {
         }
         let mesh = mesh.triangulate();
         let tree = Bvh::new(&mesh.positions, &mesh.triangles)?;
-        let near = |(p, _): &&(DVec3, DVec3)| tree.closest_within(*p, NEAR * h).is_some();
+        let near = |p: &&DVec3| tree.closest_within(**p, NEAR * h).is_some();
         let covered = self.samples.par_iter().filter(near).count();
         Ok(Some(Skin {
             mesh,
             euler: connectivity.euler_characteristic(),
             cell: h,
             covered: covered as f64 / self.samples.len().max(1) as f64,
-            layers,
+            enclosed,
         }))
     }
 }
 
-/// The connected part with the most faces; vertices that none of them uses are dropped.
-fn largest_component(mesh: &PolygonMesh) -> PolygonMesh {
-    let mut root: Vec<u32> = (0..mesh.positions.len() as u32).collect();
-    fn find(root: &mut [u32], mut v: u32) -> u32 {
-        while root[v as usize] != v {
-            root[v as usize] = root[root[v as usize] as usize];
-            v = root[v as usize];
-        }
-        v
+/// The winding numbers of a target, and how many times it goes around its inside in the mean; where that is more than once, with each triangle counted as its share of
+/// the layers at its place.
+fn winding_numbers(mesh: &TriangleMesh, distance: f64) -> (WindingNumbers, f64) {
+    let plain = WindingNumbers::of(mesh);
+    // The jump of the winding number across triangles.
+    let jumps = |triangles: &[u32]| -> Vec<f64> {
+        let side = |sign: f64| {
+            let beside = |&t: &u32| {
+                let normal = mesh.area_vector(t as usize).normalize_or_zero();
+                mesh.corners(t as usize).iter().sum::<DVec3>() / 3.0 + sign * distance * normal
+            };
+            plain.at_all(&triangles.iter().map(beside).collect::<Vec<_>>())
+        };
+        let (inner, outer) = (side(-1.0), side(1.0));
+        inner.iter().zip(outer).map(|(a, b)| a - b).collect()
+    };
+    let some = sample_by_area(mesh, LAYERS_SAMPLES, 0);
+    let some: Vec<u32> = some.iter().map(|s| s.triangle).collect();
+    let layers = jumps(&some).iter().sum::<f64>() / some.len().max(1) as f64;
+    if layers < LAYERS {
+        return (plain, 1.0);
     }
-    for face in mesh.faces() {
-        for &v in &face[1..] {
-            let (a, b) = (find(&mut root, face[0]), find(&mut root, v));
-            root[a.max(b) as usize] = a.min(b);
-        }
+    let all: Vec<u32> = (0..mesh.triangles.len() as u32).collect();
+    let jumps = jumps(&all);
+    let counted = WindingNumbers::weighted(mesh, |t| jumps[t].max(1.0).recip());
+    (counted, layers)
+}
+
+/// The pieces of a closed manifold of squares that enclose something, rather than bound a cavity in it.
+fn without_cavities(mesh: PolygonMesh) -> Result<PolygonMesh> {
+    let connectivity = Connectivity::of(&mesh)?;
+    let corner = |f: usize, k: usize| mesh.positions[connectivity.face(f)[k] as usize];
+    let volume = |&f: &usize| {
+        let [a, b, c, d] = [0, 1, 2, 3].map(|k| corner(f, k));
+        a.dot((c - a).cross(d - b))
+    };
+    let mut pieces = connectivity.pieces();
+    let all = pieces.len();
+    pieces.retain(|piece| piece.iter().map(volume).sum::<f64>() > 0.0);
+    if pieces.len() == all {
+        return Ok(mesh);
     }
-    let roots: Vec<u32> = mesh.faces().map(|f| find(&mut root, f[0])).collect();
-    let mut sizes = vec![0u32; mesh.positions.len()];
-    for &r in &roots {
-        sizes[r as usize] += 1;
-    }
-    let largest = sizes.iter().max().copied().unwrap_or_default();
-    let first = sizes.iter().position(|&s| s == largest).unwrap_or_default();
-    let faces = mesh.faces().zip(&roots);
-    let faces = faces.filter(|(_, r)| **r as usize == first);
-    let kept = PolygonMesh::from_faces(mesh.positions.clone(), faces.map(|(face, _)| face));
-    super::super::without_unused_vertices(&kept.into()).mesh
+    let mut kept: Vec<usize> = pieces.into_iter().flatten().collect();
+    kept.sort_unstable();
+    let faces = kept.into_iter().map(|f| connectivity.face(f));
+    let kept = PolygonMesh::from_faces(mesh.positions.clone(), faces);
+    Ok(super::super::without_unused_vertices(&kept.into()).mesh)
 }
 
 #[cfg(test)]
@@ -335,5 +385,19 @@ mod tests {
             .retain(|t| t.iter().all(|&v| positions[v as usize].z > 0.6));
         let subject = Subject::new(&sheet, Holes::Bridge).expect("triangles");
         assert_eq!(subject.skin(0.0).expect("a surface").euler, 2);
+    }
+
+    /// Most of it by several scans, the rest by one.
+    #[test]
+    fn what_one_scan_has_seen_is_inside_beside_what_six_have() {
+        let mut torus = shapes::torus(1.0, 0.4, 60, 30).triangulate();
+        let half = torus.triangles[..1800].to_vec();
+        for _ in 1..6 {
+            torus.triangles.extend(&half);
+        }
+        let subject = Subject::new(&torus, Holes::Leave).expect("triangles");
+        assert!((3.0..6.0).contains(&subject.layers), "{}", subject.layers);
+        let skin = subject.skin(0.0).expect("a surface");
+        assert_eq!((skin.euler, skin.covered), (0, 1.0));
     }
 }

@@ -146,7 +146,11 @@ impl Ground {
 }
 
 /// Halves the longest edge until none is longer than `longest`, with the faces at it.
-fn halve_long_edges(mesh: &mut TriangleMesh, longest: f64, mut halve: impl FnMut(u32, u32)) {
+pub(in crate::template) fn halve_long_edges(
+    mesh: &mut TriangleMesh,
+    longest: f64,
+    mut halve: impl FnMut(u32, u32),
+) {
     let key = |a: u32, b: u32| [a.min(b), a.max(b)];
     let squared = |positions: &[DVec3], [a, b]: [u32; 2]| {
         (positions[a as usize] - positions[b as usize]).length_squared()

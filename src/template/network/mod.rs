@@ -14,4 +14,5 @@ mod ground;
 mod ridges;
 
 pub use adaptive::adaptive;
+pub(super) use ground::halve_long_edges;
 pub use ridges::ridges;

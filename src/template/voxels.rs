@@ -2,6 +2,7 @@
 
 use crate::mesh::PolygonMesh;
 use glam::{DVec3, UVec3};
+use std::cmp::Reverse;
 use std::sync::OnceLock;
 
 /// Layers of cubes around a box, so that what grows in it stays away from the border of the grid.
@@ -39,6 +40,16 @@ impl Grid {
         rows.flat_map(|(j, k)| (0..nx).map(move |i| [i, j, k]))
             .map(|at| self.corner(at) + 0.5 * self.h)
             .collect()
+    }
+
+    /// The cube that a point is in; none outside of the grid.
+    pub fn cell_at(&self, p: DVec3) -> Option<usize> {
+        let at = ((p - self.lo) / self.h).floor().to_array();
+        let is_in = (0..3).all(|k| at[k] >= 0.0 && at[k] < self.size[k] as f64);
+        is_in.then(|| {
+            let strides = self.strides();
+            (0..3).map(|k| at[k] as usize * strides[k]).sum()
+        })
     }
 
     /// The lowest corner of a cube.
@@ -80,20 +91,21 @@ impl Voxels {
         voxels
     }
 
-    /// Drops all but the largest of the sets that are connected through faces.
-    pub fn keep_largest(&mut self) {
+    /// Keeps of the sets that are connected through faces the largest, at most so many, that have this share of the cubes of the first.
+    pub fn keep_large(&mut self, most: usize, share: f64) {
         let mut seen = vec![false; self.inside.len()];
-        let mut largest = Vec::new();
+        let mut pieces = Vec::new();
         for cell in 0..self.inside.len() {
             if self.inside[cell] && !seen[cell] {
-                let connected = self.flood(cell, &mut seen);
-                if connected.len() > largest.len() {
-                    largest = connected;
-                }
+                pieces.push(self.flood(cell, &mut seen));
             }
         }
+        pieces.sort_by_key(|piece| Reverse(piece.len()));
+        pieces.truncate(most);
+        let largest = pieces.first().map_or(0, Vec::len);
+        pieces.retain(|piece| piece.len() as f64 >= share * largest as f64);
         self.inside.fill(false);
-        for cell in largest {
+        for cell in pieces.into_iter().flatten() {
             self.inside[cell] = true;
         }
     }
@@ -262,7 +274,7 @@ mod tests {
         assert_eq!(all.inside.iter().filter(|&&i| i).count(), 8);
         assert_eq!(euler(&all), 2);
         all.erode();
-        all.keep_largest();
+        all.keep_large(1, 1.0);
         all.fill_cavities();
         all.fill_pinches();
         assert_eq!(all.surface().face_count(), 0);
@@ -306,7 +318,12 @@ mod tests {
         shell.fill_cavities();
         assert_eq!(euler(&shell), 2);
         let mut two = voxels(9, |at| at[0] == 1 || at[0] == 6 && at[1] > 3);
-        two.keep_largest();
+        two.keep_large(2, 0.3);
+        assert_eq!(euler(&two), 4);
+        let mut first = two.clone();
+        first.keep_large(1, 0.3);
+        assert_eq!(euler(&first), 2);
+        two.keep_large(2, 0.9);
         assert!(two.inside[two.grid.strides()[0] + 9 * 3 + 81 * 3]);
         assert_eq!(euler(&two), 2);
     }
@@ -333,5 +350,18 @@ mod tests {
             });
         assert!(hull.0.cmplt(DVec3::splat(-1.5)).all());
         assert!(hull.1.cmpgt(DVec3::new(1.5, 2.5, -0.5)).all());
+    }
+
+    #[test]
+    fn points_are_in_their_cube() {
+        let grid = Grid::around((DVec3::NEG_ONE, DVec3::ONE), 0.4);
+        for (cell, center) in grid.centers().into_iter().enumerate() {
+            for off in [-0.19, 0.0, 0.19] {
+                assert_eq!(grid.cell_at(center + off), Some(cell));
+            }
+        }
+        for far in [9.0, -9.0, f64::NAN] {
+            assert_eq!(grid.cell_at(far * DVec3::X), None);
+        }
     }
 }

@@ -1,41 +1,54 @@
 //! `vorofit volume`: curved elements of high order from a closed scan.
 
+mod choices;
+mod scan;
+mod summary;
+
 use super::choices::Alignment;
-use super::job::{in_file, warn_of_flaws};
+use super::job::in_file;
 use super::outputs::refuse_clashes;
 use super::session::Session;
-use super::text::{Summary, count, parse_number, significant};
+use super::template::parse_elements;
+use super::text::significant;
 use super::volume_file::Reading;
 use super::{Outcome, bad_usage, terminal};
-use clap::ValueEnum;
-use std::path::{Path, PathBuf};
-use vorofit::files::{
-    SurfaceToWrite, VolumeToWrite, check_volume_writable, check_writable, read_surface,
-    write_surface, write_volume,
+use choices::{
+    BasisName, RuleName, SchemeName, TemplateName, parse_angle, parse_distortion, parse_percent,
+    parse_smoothness,
 };
-use vorofit::fit::{StopReason, Target, VolumeOptions, VolumeStart, VolumeTemplate, fit_volume};
+use scan::{Prepared, Scan};
+use std::path::PathBuf;
+use vorofit::files::{
+    SurfaceToWrite, VolumeToWrite, check_volume_writable, check_writable, write_surface,
+    write_volume,
+};
+use vorofit::fit::{
+    Adaptive, StopReason, SubdivisionLevel, VolumeFit, VolumeOptions, VolumeStart, VolumeTemplate,
+    fit_subdivision, fit_volume,
+};
 use vorofit::geometry::distortion::Distortion;
-use vorofit::measure;
 use vorofit::measure::scaled_jacobian::qualities;
 use vorofit::measure::validity::{Validity, validities};
-use vorofit::mesh::{NodalVolume, PolygonMesh, TriangleMesh, shapes};
+use vorofit::mesh::{NodalVolume, PolygonMesh, VolumeMesh, shapes};
 use vorofit::model::element::{Basis, Rule};
-use vorofit::model::volume::CurvedVolume;
+use vorofit::model::volume::{ControlVolume, CurvedVolume};
 use vorofit::report::{
-    DeviceReport, ErrorReport, QualityReport, Report, ResultReport, Stopwatch, TargetReport,
-    VolumeSettings,
+    AdaptiveReport, DeviceReport, QualityReport, Report, ResultReport, Stopwatch, VolumeSettings,
 };
 use vorofit::template::Align;
+use vorofit::template::volume::ELEMENTS;
 use vorofit::{Error, Result};
 
 const EXAMPLES: &str = "\
 Examples:
+  vorofit volume scan.ply -o part.vtu --order 3
+  vorofit volume scan.ply -o fine.vtu --elements 2000
   vorofit volume scan.ply -o ball.vtu --template ball:2 --order 4
+  vorofit volume scan.ply -o ball.vtu --template ball:2 --order 12 --adaptive
+  vorofit volume scan.ply -o fine.vtu --template ball --subdivision mlca --levels 3 --control control.vtu
+  vorofit volume cloud.xyz -o ball.vtu --template ball:3 --order 3 --point-cloud
   vorofit volume part.stl -o part.msh --template grid:4x2x2 --order 3
   vorofit volume bone.obj -o bone.vtu --template bone.vtk --align similarity --order 2";
-
-/// Area samples a side by which the result is judged: the rms is then certain to about a percent.
-const SAMPLES: usize = 200_000;
 
 /// The highest order of the nodes that a Fourier volume is interpolated at.
 const MAX_NODAL_ORDER: usize = 16;
@@ -52,12 +65,46 @@ pub struct Args {
     /// Write its boundary with the distance to the scan (.ply, .glb, .obj, .stl, .off or .usda); may be repeated
     #[arg(long, value_name = "FILE")]
     surface: Vec<PathBuf>,
-    /// What to start from: a grid over the target's box, a ball of 7 N³ hexahedra [N: 2], or a volume mesh
-    #[arg(long, required = true, value_name = "grid:AxBxC|ball[:N]|FILE")]
+    /// What to start from: hexahedra made in the target with its handles, a grid over its box, a ball of 7 N³ hexahedra [N: 2], or a volume mesh
+    #[arg(
+        long,
+        default_value = "auto",
+        value_name = "auto|grid:AxBxC|ball[:N]|FILE"
+    )]
     template: String,
-    /// The order of the elements, 1 to 16
+    /// About how many hexahedra --template auto makes [default: 450]
+    #[arg(long, value_name = "N", value_parser = parse_elements)]
+    elements: Option<usize>,
+    /// The order of the elements, 1 to 16; with --adaptive the highest
     #[arg(long, default_value_t = 2, value_name = "p", value_parser = clap::value_parser!(u8).range(1..=16))]
     order: u8,
+    /// Take the target as points: a cloud (.ply, .xyz), or the vertices of a surface
+    #[arg(long)]
+    point_cloud: bool,
+    /// Raise the order only where the boundary gains by it; files hold all elements elevated to the highest order that there is
+    #[arg(long)]
+    adaptive: bool,
+    /// Raise no more once no distance is larger, in percent of the diagonal; needs --adaptive
+    #[arg(long, value_name = "PERCENT", requires = "adaptive", value_parser = parse_percent)]
+    max_error: Option<f64>,
+    /// Fit the control points of a subdivision volume by multi-linear cell averaging; its hexahedra have straight edges
+    #[arg(
+        long,
+        value_enum,
+        hide_possible_values = true,
+        value_name = "mlca",
+        conflicts_with_all = ["order", "adaptive", "basis"]
+    )]
+    subdivision: Option<SchemeName>,
+    /// So many times, each from what the one before has made [default: 2]
+    #[arg(long, value_name = "N", requires = "subdivision", value_parser = clap::value_parser!(u8).range(1..=8))]
+    levels: Option<u8>,
+    /// Keep edges of the template sharp where it turns by more than so many degrees [default: none]
+    #[arg(long, value_name = "DEGREES", requires = "subdivision", value_parser = parse_angle)]
+    sharp: Option<f64>,
+    /// Write the control mesh as well (.vtu, .mesh or .msh); may be repeated
+    #[arg(long, value_name = "FILE", requires = "subdivision")]
+    control: Vec<PathBuf>,
     /// Bring a template FILE onto the target: `box` stretches its bounding box onto the target's, `rigid` turns and moves
     /// it, `similarity` scales it as well [default: none]
     #[arg(
@@ -101,42 +148,34 @@ pub struct Args {
     seed: u64,
 }
 
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
-enum BasisName {
-    #[default]
-    Legendre,
-    Fourier,
-}
-
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
-enum RuleName {
-    #[default]
-    Gauss,
-    Trapezoid,
-}
-
-/// What `--template` says.
-enum TemplateName<'a> {
-    Grid([u32; 3]),
-    Ball(u32),
-    File(&'a Path),
-}
-
 /// A fit that has run, in input coordinates.
 struct Finished {
     nodes: NodalVolume,
     surface: PolygonMesh,
     /// `[surface vertices]`: from the target.
-    distances: Vec<f64>,
+    distances: Option<Vec<f64>>,
     /// `[cells]`.
     least_jacobians: Vec<f64>,
+    /// `[cells]`: the highest of their edges, faces and insides.
+    orders: Vec<f64>,
+    /// The control mesh of a subdivision volume.
+    control: Option<VolumeMesh>,
+}
+
+/// What a fit has made, in the unit frame.
+struct Fitted {
+    volume: VolumeFit,
+    subdivision: Option<(ControlVolume, Vec<SubdivisionLevel>)>,
 }
 
 impl Args {
     pub fn run(&self, session: &Session) -> Result<Outcome> {
-        let name = self.template_name();
+        let name = TemplateName::of(&self.template);
         if self.align.is_some() && !matches!(name, TemplateName::File(_)) {
             bad_usage("--align needs --template FILE");
+        }
+        if self.elements.is_some() && !matches!(name, TemplateName::Auto) {
+            bad_usage("--elements needs --template auto");
         }
         if self.reading.drops_pyramids() && !matches!(name, TemplateName::File(_)) {
             bad_usage("--drop-pyramids needs --template FILE");
@@ -150,10 +189,9 @@ impl Args {
         terminal.stage(&format!("reading {}", self.target.display()));
         let template = self.template(session, &name)?;
         self.check_volumes(&template)?;
-        let target = read_surface(&self.target)?;
-        warn_of_flaws(session, &self.target, &target.census);
+        let scan = Scan::read(session, &self.target, self.point_cloud)?;
         stopwatch.lap("read");
-        let (report, finished) = self.fit(session, &target.mesh, &template, &mut stopwatch)?;
+        let (report, finished) = self.make(session, &scan, &template, &mut stopwatch)?;
         terminal.stage("writing");
         self.write(&finished)?;
         stopwatch.lap("write");
@@ -166,27 +204,12 @@ impl Args {
         self.verdict(&report)
     }
 
-    fn template_name(&self) -> TemplateName<'_> {
-        let text = self.template.as_str();
-        if let Some(cells) = text.strip_prefix("grid:") {
-            let counts: Option<Vec<u32>> = cells.split('x').map(parse_count).collect();
-            return match counts.as_deref() {
-                Some(&[a, b, c]) => TemplateName::Grid([a, b, c]),
-                _ => bad_usage("--template grid: give three counts from 1 to 1000, as grid:4x2x2"),
-            };
-        }
-        match text.strip_prefix("ball") {
-            Some("") => TemplateName::Ball(2),
-            Some(n) if n.starts_with(':') => match parse_count(&n[1..]) {
-                Some(n) => TemplateName::Ball(n),
-                None => bad_usage("--template ball: give a count from 1 to 1000, as ball:2"),
-            },
-            _ => TemplateName::File(Path::new(text)),
-        }
-    }
-
     fn template(&self, session: &Session, name: &TemplateName) -> Result<VolumeTemplate> {
         let path = match *name {
+            TemplateName::Auto => {
+                let elements = self.elements.unwrap_or(ELEMENTS);
+                return Ok(VolumeTemplate::Auto(elements));
+            }
             TemplateName::Grid(cells) => return Ok(VolumeTemplate::Grid(cells)),
             TemplateName::Ball(n) => return Ok(VolumeTemplate::Ball(n)),
             TemplateName::File(path) => path,
@@ -208,7 +231,10 @@ impl Args {
         let defaults = VolumeOptions::default();
         let [far, close] = self.smoothness.unwrap_or([defaults.far, defaults.close]);
         VolumeOptions {
-            order: self.order.into(),
+            order: self.highest_order(),
+            adaptive: self.adaptive.then(|| Adaptive {
+                max_error: self.max_error.map(|percent| percent / 100.0),
+            }),
             basis: match self.basis {
                 BasisName::Legendre => Basis::Legendre,
                 BasisName::Fourier => Basis::Fourier,
@@ -235,111 +261,180 @@ impl Args {
         if let TemplateName::File(path) = *name {
             inputs.push(path);
         }
-        refuse_clashes(self.output.iter().chain(&self.surface), &inputs)
+        let outputs = self.output.iter().chain(&self.surface).chain(&self.control);
+        refuse_clashes(outputs, &inputs)
     }
 
     /// The same for volumes of the template's shapes.
     fn check_volumes(&self, template: &VolumeTemplate) -> Result<()> {
         let sample = template.sample()?;
         let volume = CurvedVolume::new(&sample, Basis::Legendre)?;
-        let nodes = volume.nodes(self.nodal_order());
+        let nodes = volume.nodes(self.nodal_order(self.highest_order()));
         for path in &self.output {
             check_volume_writable(path, &VolumeToWrite::new(&nodes))?;
+        }
+        for path in &self.control {
+            check_volume_writable(path, &VolumeToWrite::new(&volume.nodes(1)))?;
         }
         Ok(())
     }
 
+    fn highest_order(&self) -> usize {
+        match self.subdivision {
+            Some(_) => 1,
+            None => self.order.into(),
+        }
+    }
+
     /// Nodes of the order itself hold polynomials exactly; of Fourier modes more nodes lose less.
-    fn nodal_order(&self) -> usize {
-        let order = usize::from(self.order);
+    fn nodal_order(&self, order: usize) -> usize {
         match self.basis {
             BasisName::Legendre => order,
             BasisName::Fourier => (2 * order).min(MAX_NODAL_ORDER),
         }
     }
 
-    fn fit(
+    /// Fits, and judges what came of it.
+    fn make(
         &self,
         session: &Session,
-        mesh: &PolygonMesh,
+        scan: &Scan,
         template: &VolumeTemplate,
         stopwatch: &mut Stopwatch,
     ) -> Result<(Report, Finished)> {
-        let (device, terminal) = (session.device()?, &session.terminal);
+        let terminal = &session.terminal;
         terminal.stage("preparing the target");
-        let mut input = mesh.triangulate();
-        let target = Target::new(device, &input).map_err(|e| in_file(e, &self.target, "faces"))?;
+        let prepared = scan.prepare(session, &self.target)?;
         stopwatch.lap("prepare");
-        let start = VolumeStart::new(&target, template).map_err(|e| self.in_template(e))?;
-        stopwatch.lap("template");
         let options = self.options();
-        let fit = fit_volume(device, &target, start, &options, terminal)
+        let fitted = self
+            .fit(session, &prepared, template, &options, stopwatch)
             .map_err(|e| self.in_template(e))?;
-        stopwatch.laps(fit.stages.clone());
+        stopwatch.laps(fitted.volume.stages.clone());
 
         terminal.stage("certifying the elements");
-        let (quality, least_jacobians) = judge(&fit.volume);
+        let (quality, least_jacobians) = judge(&fitted.volume.volume);
         stopwatch.lap("certify");
         terminal.stage("measuring the error");
-        for p in &mut input.positions {
-            *p = target.frame.to_unit(*p);
-        }
-        let surface = fit.dense_surface();
-        let error = measure::surface_error(&input, &surface, SAMPLES)
+        let dense = fitted.volume.dense_surface();
+        let error = prepared
+            .error(&dense)
             .map_err(|e| in_file(e, &self.target, "faces"))?;
-        let diagonal = target.frame.diagonal;
-        let distances = self.distances(&input, &surface, diagonal)?;
-        let iterations = fit.iterations.clone();
-        let stop_reason = fit.stop_reason;
-        let volume = fit.in_input_frame(&target.frame);
-        let nodes = volume.nodes(self.nodal_order());
-        self.warn_of_interpolation(session, &volume, &nodes, diagonal)?;
-        let mut surface: PolygonMesh = surface.into();
+        let distances = match self.surface.is_empty() {
+            true => None,
+            false => prepared.distances(&dense)?,
+        };
+        let frame = prepared.frame();
+        let mut surface: PolygonMesh = dense.into();
         for p in &mut surface.positions {
-            *p = target.frame.to_input(*p);
+            *p = frame.to_input(*p);
         }
+        let (control, levels) = fitted.subdivision.unzip();
+        let (iterations, stop_reason) =
+            (fitted.volume.iterations.clone(), fitted.volume.stop_reason);
+        let volume = fitted.volume.in_input_frame(&frame);
+        // Files have one order for all: cells of lower ones are elevated, which does not change them.
+        let nodes = volume.nodes(self.nodal_order(volume.highest_order()));
+        self.warn_of_interpolation(session, &volume, &nodes, frame.diagonal)?;
         stopwatch.lap("measure");
         let report = Report {
-            device: Some(DeviceReport::of(device)),
-            volume_settings: Some(VolumeSettings::new(self.template.clone(), &options)),
-            target: Some(TargetReport {
-                vertices: mesh.positions.len(),
-                faces: mesh.face_count(),
-                bbox_diagonal: diagonal,
-            }),
+            device: Some(DeviceReport::of(session.device()?)),
+            volume_settings: Some(self.settings(&options)),
+            target: Some(scan.report(frame.diagonal)),
             result: Some(ResultReport {
-                elements: Some(volume.cell_count()),
-                order: Some(options.order),
-                nodes: Some(nodes.positions.len()),
-                ..ResultReport::default()
+                control_points: control.as_ref().map(|c| c.mesh.positions.len()),
+                subdivision: levels,
+                ..self.result(&volume, &nodes)
             }),
             iterations: Some(iterations),
-            converged: Some(stop_reason == StopReason::Schedule),
+            converged: Some(matches!(
+                stop_reason,
+                StopReason::Schedule | StopReason::Tolerance
+            )),
             stop_reason: Some(stop_reason),
-            error: Some(ErrorReport::of_fit(&error, diagonal)),
+            error: Some(error),
             quality: Some(quality),
             ..Report::new("volume")
         };
+        let orders = (0..volume.cell_count()).map(|c| volume.kernel_order(c) as f64);
         let finished = Finished {
+            orders: orders.collect(),
             nodes,
             surface,
             distances,
             least_jacobians,
+            control: control.map(|c| c.mesh),
         };
         Ok((report, finished))
     }
 
-    fn distances(
+    fn fit(
         &self,
-        input: &TriangleMesh,
-        surface: &TriangleMesh,
-        diagonal: f64,
-    ) -> Result<Vec<f64>> {
-        if self.surface.is_empty() {
-            return Ok(Vec::new());
+        session: &Session,
+        prepared: &Prepared,
+        template: &VolumeTemplate,
+        options: &VolumeOptions,
+        stopwatch: &mut Stopwatch,
+    ) -> Result<Fitted> {
+        let (device, terminal) = (session.device()?, &session.terminal);
+        let target = prepared.target();
+        terminal.stage("preparing the template");
+        let start = VolumeStart::new(target, template)?;
+        stopwatch.lap("template");
+        if self.subdivision.is_none() {
+            return Ok(Fitted {
+                volume: fit_volume(device, target, start, options, terminal)?,
+                subdivision: None,
+            });
         }
-        let distances = measure::distances(input, &surface.positions)?;
-        Ok(distances.iter().map(|d| diagonal * d).collect())
+        let control = match self.sharp {
+            None => start.mesh.into(),
+            Some(degrees) => ControlVolume::with_sharp_edges(start.mesh, degrees.to_radians())?,
+        };
+        let levels = self.levels().into();
+        let fit = fit_subdivision(
+            device,
+            target,
+            control,
+            start.nearby,
+            levels,
+            options,
+            terminal,
+        )?;
+        Ok(Fitted {
+            subdivision: Some((fit.control_in_input_frame(&prepared.frame()), fit.levels)),
+            volume: fit.refined,
+        })
+    }
+
+    fn levels(&self) -> u8 {
+        self.levels.unwrap_or(2)
+    }
+
+    fn settings(&self, options: &VolumeOptions) -> VolumeSettings {
+        VolumeSettings {
+            point_cloud: self.point_cloud,
+            subdivision: self.subdivision.map(|_| "mlca"),
+            levels: self.subdivision.map(|_| self.levels()),
+            sharp_degrees: self.sharp,
+            ..VolumeSettings::new(self.template.clone(), options)
+        }
+    }
+
+    /// What the report says of a volume and of its nodes in files.
+    fn result(&self, volume: &CurvedVolume, nodes: &NodalVolume) -> ResultReport {
+        let kept = volume.coefficients.len();
+        let full = volume.full_count(self.highest_order());
+        ResultReport {
+            elements: Some(volume.cell_count()),
+            order: Some(volume.highest_order()),
+            nodes: Some(nodes.positions.len()),
+            adaptive: self.adaptive.then(|| AdaptiveReport {
+                nodes: kept,
+                of_full_percent: 100.0 * kept as f64 / full as f64,
+            }),
+            ..ResultReport::default()
+        }
     }
 
     fn warn_of_interpolation(
@@ -362,13 +457,21 @@ impl Args {
 
     fn write(&self, finished: &Finished) -> Result<()> {
         let volume = VolumeToWrite {
-            cell_data: &[("scaled_jacobian_min", &finished.least_jacobians)],
+            cell_data: &[
+                ("scaled_jacobian_min", &finished.least_jacobians),
+                ("order", &finished.orders),
+            ],
             ..VolumeToWrite::new(&finished.nodes)
         };
         for path in &self.output {
             write_volume(path, &volume)?;
         }
-        let surface = SurfaceToWrite::dense(&finished.surface, Some(&finished.distances));
+        for path in &self.control {
+            if let Some(control) = &finished.control {
+                write_volume(path, &VolumeToWrite::new(&control.into()))?;
+            }
+        }
+        let surface = SurfaceToWrite::dense(&finished.surface, finished.distances.as_deref());
         for path in &self.surface {
             write_surface(path, &surface)?;
         }
@@ -377,76 +480,10 @@ impl Args {
 
     /// The file to name where the template is at fault: grids come from the target.
     fn in_template(&self, error: Error) -> Error {
-        match self.template_name() {
+        match TemplateName::of(&self.template) {
             TemplateName::File(path) => in_file(error, path, "template"),
             _ => in_file(error, &self.target, "template"),
         }
-    }
-
-    /// The report in words.
-    fn summary(&self, report: &Report) -> String {
-        let mut summary = Summary::default();
-        if let Some(result) = &report.result {
-            let of = |n: Option<usize>| count(n.unwrap_or_default());
-            for path in &self.output {
-                summary.line(
-                    "wrote",
-                    format!(
-                        "{}   {} elements of order {}, {} nodes",
-                        path.display(),
-                        of(result.elements),
-                        of(result.order),
-                        of(result.nodes)
-                    ),
-                );
-            }
-        }
-        for path in &self.surface {
-            summary.line(
-                "wrote",
-                format!("{}   the boundary with its error", path.display()),
-            );
-        }
-        if let Some(error) = &report.error {
-            let [max, rms, mean] = [error.max_percent, error.rms_percent, error.mean_percent]
-                .map(|x| significant(x, 3));
-            let of = "of the bounding box's diagonal";
-            summary.line(
-                "error",
-                format!("largest {max} %, rms {rms} %, mean {mean} % {of}"),
-            );
-        }
-        if let Some(quality) = &report.quality {
-            let elements = report
-                .result
-                .as_ref()
-                .and_then(|r| r.elements)
-                .unwrap_or_default();
-            let valid = elements - quality.invalid - quality.undecided;
-            summary.line(
-                "quality",
-                format!(
-                    "{} valid everywhere, {} invalid, {} undecided; scaled Jacobian at least {}, mean {}",
-                    count(valid),
-                    count(quality.invalid),
-                    count(quality.undecided),
-                    significant(quality.scaled_jacobian_min, 3),
-                    significant(quality.scaled_jacobian_mean, 3)
-                ),
-            );
-        }
-        let why = match report.stop_reason {
-            Some(StopReason::Interrupted) => "interrupted: this is the best so far",
-            Some(StopReason::Iterations) => "stopped at the iterations allowed",
-            _ => "ran to the end",
-        };
-        let seconds = report.timing.as_ref().map_or(0.0, |timing| timing.total_s);
-        let iterations = report.iterations.as_ref().map_or(0, Vec::len);
-        summary.line(
-            "time",
-            format!("{seconds:.1} s, {} iterations; {why}", count(iterations)),
-        );
-        summary.text()
     }
 
     /// A failure where elements are invalid: the files are written all the same, to see where.
@@ -477,7 +514,7 @@ impl Args {
 }
 
 /// The quality of all elements together, and the least scaled Jacobian of each.
-fn judge(volume: &CurvedVolume) -> (QualityReport, Vec<f64>) {
+pub(super) fn judge(volume: &CurvedVolume) -> (QualityReport, Vec<f64>) {
     let (qualities, validities) = (qualities(volume), validities(volume));
     let with = |validity| validities.iter().filter(|v| **v == validity).count();
     let least: Vec<f64> = qualities.iter().map(|q| q.min).collect();
@@ -489,30 +526,4 @@ fn judge(volume: &CurvedVolume) -> (QualityReport, Vec<f64>) {
         undecided: with(Validity::Undecided),
     };
     (report, least)
-}
-
-/// Counts of cells along an edge.
-fn parse_count(text: &str) -> Option<u32> {
-    text.parse().ok().filter(|n| (1..=1000).contains(n))
-}
-
-fn parse_distortion(text: &str) -> Result<Distortion, String> {
-    Distortion::ALL
-        .into_iter()
-        .find(|distortion| distortion.name() == text)
-        .ok_or_else(|| {
-            let names = Distortion::ALL.map(Distortion::name);
-            format!("give one of {}", names.join(", "))
-        })
-}
-
-fn parse_smoothness(text: &str) -> Result<[f64; 2], String> {
-    let numbers: Vec<f64> = text
-        .split(',')
-        .map(|word| parse_number(word.trim(), |x| x > 0.0, "above 0"))
-        .collect::<Result<_, _>>()?;
-    match numbers[..] {
-        [far, close] if close <= far => Ok([far, close]),
-        _ => Err("give two numbers, the second not above the first".into()),
-    }
 }

@@ -1,5 +1,6 @@
-//! Volume templates of hexahedra: a grid over a box, and a ball without a coarse edge on its surface.
+//! A ball of hexahedra without a coarse edge on its surface.
 
+use super::grid::cube_corners;
 use crate::mesh::{CellShape, VolumeMesh};
 use glam::DVec3;
 use std::collections::HashMap;
@@ -11,25 +12,6 @@ const INNER: f64 = 0.5;
 /// How far the inner cube's surface bulges towards the ball: 0 leaves it a cube, 1 makes it a ball. In between the angles along
 /// its edges, which three blocks share, are nearer to 120°.
 const BULGE: f64 = 0.3;
-
-/// The box from `lo` to `hi` as `cells` hexahedra along x, y and z (each at least 1).
-pub fn grid(lo: DVec3, hi: DVec3, cells: [u32; 3]) -> VolumeMesh {
-    let [a, b, c] = cells;
-    let lattice = (0..=c).flat_map(|k| (0..=b).flat_map(move |j| (0..=a).map(move |i| [i, j, k])));
-    let share = |i: u32, n: u32| f64::from(i) / f64::from(n);
-    let mut mesh = VolumeMesh::new(
-        lattice
-            .map(|[i, j, k]| lo + (hi - lo) * DVec3::new(share(i, a), share(j, b), share(k, c)))
-            .collect(),
-    );
-    let index = |[i, j, k]: [u32; 3]| i + (a + 1) * (j + (b + 1) * k);
-    for k in 0..c {
-        for (j, i) in (0..b).flat_map(|j| (0..a).map(move |i| (j, i))) {
-            mesh.push_cell(CellShape::Hexahedron, &cube_corners([i, j, k]).map(index));
-        }
-    }
-    mesh
-}
 
 /// The ellipsoid in the box from `lo` to `hi` as 7 n³ hexahedra: an inner cube, and a block on each of its sides, of n³ each.
 ///
@@ -66,15 +48,6 @@ pub fn ball(lo: DVec3, hi: DVec3, n: u32) -> VolumeMesh {
         }
     }
     builder.mesh
-}
-
-/// The corners of a lattice cube in the local numbering of a hexahedron.
-fn cube_corners([i, j, k]: [u32; 3]) -> [[u32; 3]; 8] {
-    [0, 1]
-        .map(|dk| [[0, 0], [1, 0], [1, 1], [0, 1]].map(|[di, dj]| [i + di, j + dj, k + dk]))
-        .as_flattened()
-        .try_into()
-        .expect("two times four corners")
 }
 
 /// A ball under construction. A vertex is a point of the inner cube's lattice and a layer outside of it, 0 for the cube itself.
@@ -115,45 +88,8 @@ impl Ball {
 
 #[cfg(test)]
 mod tests {
+    use super::super::tests::corner_determinants;
     use super::*;
-
-    /// The determinants at the corners of all cells, and the sum of the cells' volumes by the mean of their corners.
-    fn corner_determinants(mesh: &VolumeMesh) -> Vec<f64> {
-        const AXES: [[usize; 3]; 8] = [
-            [1, 3, 4],
-            [2, 0, 5],
-            [3, 1, 6],
-            [0, 2, 7],
-            [7, 5, 0],
-            [4, 6, 1],
-            [5, 7, 2],
-            [6, 4, 3],
-        ];
-        mesh.cells()
-            .flat_map(|(_, cell)| {
-                let at = |k: usize| mesh.positions[cell[k] as usize];
-                (0..8).map(move |k| {
-                    let [a, b, c] = AXES[k].map(|l| at(l) - at(k));
-                    a.dot(b.cross(c))
-                })
-            })
-            .collect()
-    }
-
-    #[test]
-    fn grids_fill_their_box() {
-        for cells in [[1, 1, 1], [3, 2, 4]] {
-            let (lo, hi) = (DVec3::new(-1.0, 2.0, 0.5), DVec3::new(2.0, 4.0, 1.5));
-            let mesh = grid(lo, hi, cells);
-            let count = cells.iter().product::<u32>() as usize;
-            assert_eq!(mesh.cell_count(), count);
-            let lattice: u32 = cells.iter().map(|n| n + 1).product();
-            assert_eq!(mesh.positions.len(), lattice as usize);
-            for det in corner_determinants(&mesh) {
-                assert!((det - 6.0 / count as f64).abs() < 1e-14);
-            }
-        }
-    }
 
     #[test]
     fn balls_are_not_inverted_and_end_on_the_ellipsoid() {

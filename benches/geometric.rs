@@ -58,7 +58,7 @@ fn report(path: &Path, (name, start, max, mean): Row, step: Step) -> Result<()> 
     };
     let begun = Instant::now();
     let data = Data::of_mesh(&scan, None, 0)?;
-    let control = data.control_mesh(&Device::Cpu, &Start::Simplified(Some(start)))?;
+    let control = data.control_mesh(&Device::Cpu, &Start::Simplified(Some(start)), &Silent)?;
     let fit = geometric::fit(&Device::Cpu, &data, control, &options, &Silent)?;
     let seconds = begun.elapsed().as_secs_f64();
     let mut target = scan;

@@ -1,6 +1,6 @@
 //! Which template pays with which method: errors in percent of the diagonal, and seconds, for some numbers of control points.
 //!
-//! `cargo bench --bench templates [-- SCAN…]`. Errors are two-sided, of the dense surface by area samples; the time is that of template and fit, without reading. All
+//! `cargo bench --bench templates [-- SCAN…]`, tables as Markdown, for the scans whose names contain one of the words. Errors are two-sided, of the dense surface by area samples; the time is that of template and fit, without reading. All
 //! surfaces are Loop's, but that of the automatic template fitted by Voronoi squared distances, which is Catmull–Clark's as by default. The distance of
 //! ridges is that between the strongest lines of scan and surface, of the same length together, in the mean both ways. Then the figures of surfaces through
 //! networks, vertices to faces both ways, medians of five seeds (which ridges do not depend on).
@@ -53,18 +53,9 @@ fn main() -> Result<()> {
         .filter(|a| !a.starts_with('-'))
         .collect();
     println!(
-        "{:20} {:>6} {:>9} {:>12} {:>6} {:>8} {:>8} {:>8} {:>8} {:>7}",
-        "scan",
-        "asked",
-        "template",
-        "method",
-        "points",
-        "max %",
-        "rms %",
-        "mean %",
-        "ridges %",
-        "s"
+        "| scan | asked | template | method | points | max % | rms % | mean % | ridges % | s |"
     );
+    println!("| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |");
     for (name, _) in chosen(&wanted) {
         let Some(scan) = unit_scan(&data, name)? else {
             continue;
@@ -76,16 +67,16 @@ fn main() -> Result<()> {
                     if let Err(problem) =
                         row(name, (&scan, lines.as_slice()), count, template, method)
                     {
-                        println!("{name:20} {count:>6} {template:>9} {method:>12} {problem}");
+                        println!(
+                            "| {name} | {count} | {template} | {method} | {problem} | | | | | |"
+                        );
                     }
                 }
             }
         }
     }
-    println!(
-        "{:20} {:>9} {:>6} {:>9} {:>8} {:>8} {:>7}",
-        "surface through", "template", "points", "refined", "H %", "mean %", "s"
-    );
+    println!("\n| surface through | template | points | refined | H % | mean % | s |");
+    println!("| --- | --- | --- | --- | --- | --- | --- |");
     for (name, count) in chosen(&wanted) {
         if let Some(scan) = unit_scan(&data, name)? {
             for template in ["ridges", "adaptive"] {
@@ -140,7 +131,7 @@ fn row(
         100.0 * figure(&error.target_to_surface).max(figure(&error.surface_to_target))
     };
     println!(
-        "{name:20} {count:>6} {template:>9} {method:>12} {:>6} {:>8.4} {:>8.4} {:>8.4} {apart:>8.4} {seconds:>7.2}",
+        "| {name} | {count} | {template} | {method} | {} | {:.3} | {:.4} | {:.4} | {apart:.3} | {seconds:.1} |",
         fitted.control.mesh.positions.len(),
         larger(|f| f.max),
         larger(|f| f.rms),
@@ -213,7 +204,8 @@ fn near(scan: &TriangleMesh, count: usize, template: &str, method: &str) -> Resu
     let data = Data::of_mesh(scan, None, 0)?;
     let control = match template {
         "simplify" => {
-            data.control_mesh(&Device::Cpu, &geometric::Start::Simplified(Some(count)))?
+            let start = geometric::Start::Simplified(Some(count));
+            data.control_mesh(&Device::Cpu, &start, &Silent)?
         }
         "ridges" | "adaptive" => network(&data, template, count, 0)?,
         _ => {
@@ -230,7 +222,7 @@ fn near(scan: &TriangleMesh, count: usize, template: &str, method: &str) -> Resu
             refinements: 0,
             levels: LEVELS,
         };
-        return interpolate(&data, control, &options);
+        return interpolate(&data, control, &options, &Silent);
     }
     let options = geometric::Options {
         levels: LEVELS,
@@ -251,7 +243,7 @@ fn network(data: &Data, template: &str, count: usize, seed: u64) -> Result<Contr
             seed,
         },
     };
-    data.control_mesh(&Device::Cpu, &start)
+    data.control_mesh(&Device::Cpu, &start, &Silent)
 }
 
 /// Prints the medians for surfaces through networks whose edges are halved so often.
@@ -271,7 +263,8 @@ fn figures(
             refinements,
             levels: LEVELS,
         };
-        let fitted = interpolate(&data, network(&data, template, count, seed)?, &options)?;
+        let control = network(&data, template, count, seed)?;
+        let fitted = interpolate(&data, control, &options, &Silent)?;
         let seconds = begun.elapsed().as_secs_f64();
         points = fitted.control.mesh.positions.len();
         let [largest, mean] = vertex_errors(scan, &fitted.surface.triangulate())?;
@@ -283,7 +276,7 @@ fn figures(
         values[values.len() / 2]
     };
     println!(
-        "{name:20} {template:>9} {points:>6} {refinements:>9} {:>8.3} {:>8.4} {:>7.2}",
+        "| {name} | {template} | {points} | {refinements} | {:.3} | {:.4} | {:.2} |",
         median(0),
         median(1),
         median(2)

@@ -69,6 +69,11 @@ fn features_are_written_drawn_and_counted() {
             && header.contains(&format!("element edge {edges}\n"))
     );
     assert!(std::fs::read(png).unwrap().starts_with(b"\x89PNG"));
+    let (with, without) = (place("with.png"), place("without.png"));
+    succeed(&["render", &ball, "--features", "-o", &with]);
+    succeed(&["render", &ball, "--edges", "off", "-o", &without]);
+    let [with, without] = [with, without].map(|path| std::fs::read(path).unwrap());
+    assert!(with.starts_with(b"\x89PNG") && with != without);
 }
 
 #[test]

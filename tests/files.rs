@@ -7,6 +7,7 @@ use glam::DVec3;
 use proptest::prelude::*;
 use serde_json::json;
 use std::path::Path;
+use vorofit::files::curves::{Curve, write_curves};
 use vorofit::files::{SurfaceToWrite, read_surface, surface_from_bytes, write_surface};
 use vorofit::mesh::check::{self, Census};
 use vorofit::mesh::{ControlMesh, Crease, PolygonMesh, Scheme};
@@ -366,6 +367,20 @@ fn files_for_other_software_are_written() {
             "points": points, "faces": faces, "scheme": "catmullClark",
             "creases": [[4, 5, 10.0], [5, 7, 2.5]], "corners": [0],
         }),
+    );
+    let curve = |points: &[DVec3]| Curve {
+        name: "ridge",
+        points: points.to_vec(),
+        values: vec![vec![8.0, 0.5]; points.len()],
+        color: [205, 30, 40],
+    };
+    let (line, point) = ([DVec3::ZERO, DVec3::X, DVec3::ONE], [DVec3::Z]);
+    let curves = [curve(&line), curve(&point)];
+    write_curves(&folder.join("lines.ply"), &["kind", "strength"], &curves).unwrap();
+    let points: Vec<_> = line.iter().chain(&point).map(|p| p.to_array()).collect();
+    expected.insert(
+        "lines.ply".into(),
+        json!({ "points": points, "edges": [[0, 1], [1, 2]] }),
     );
     let text = serde_json::to_string_pretty(&expected).unwrap();
     std::fs::write(folder.join("expected.json"), text).unwrap();

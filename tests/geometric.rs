@@ -21,7 +21,9 @@ fn simplified(count: usize) -> Start {
 }
 
 fn fitted(data: &Data, start: &Start, options: &Options) -> Fit {
-    let control = data.control_mesh(&Device::Cpu, start).expect("a start");
+    let control = data
+        .control_mesh(&Device::Cpu, start, &Silent)
+        .expect("a start");
     fit(&Device::Cpu, data, control, options, &Silent).expect("a fit")
 }
 
@@ -66,7 +68,7 @@ fn what_cannot_be_started_from_is_refused_with_a_remedy() {
     let ball = wavy_ball(2);
     let cloud = Data::of_points(&ball.positions).expect("points");
     let error = cloud
-        .control_mesh(&Device::Cpu, &simplified(50))
+        .control_mesh(&Device::Cpu, &simplified(50), &Silent)
         .expect_err("no triangles");
     assert!(error.to_string().contains("--template FILE"), "{error}");
 
@@ -78,7 +80,7 @@ fn what_cannot_be_started_from_is_refused_with_a_remedy() {
     }
     let data = Data::of_mesh(&soup, None, 0).expect("triangles");
     let error = data
-        .control_mesh(&Device::Cpu, &simplified(50))
+        .control_mesh(&Device::Cpu, &simplified(50), &Silent)
         .expect_err("a soup");
     assert!(error.to_string().contains("topology"), "{error}");
 }
@@ -166,7 +168,7 @@ impl Progress for Impatient {
 fn an_interrupted_fit_is_whole() {
     let data = Data::of_mesh(&wavy_ball(3), None, 0).expect("a ball");
     let control = data
-        .control_mesh(&Device::Cpu, &simplified(60))
+        .control_mesh(&Device::Cpu, &simplified(60), &Silent)
         .expect("a start");
     let fit = fit(
         &Device::Cpu,

@@ -208,6 +208,38 @@ fn most_queries_are_settled_by_newton_alone() {
     assert!(disagreement::<LimitSurfaceTwins>(gpu(), &input) < 1.0);
 }
 
+#[test]
+fn the_last_step_may_be_taken_on_trust() {
+    let noise = &mut Noise(8);
+    let input = near(spindle(7, 6, noise), Scheme::Loop, 3000, 0.02, noise);
+    let near = 1e-3;
+    let surface = LimitSurface::new(&input.control, input.scheme).unwrap();
+    let patches = surface.patches(&input.control.mesh.positions);
+    for device in [Device::Cpu, Device::Gpu(gpu().clone())] {
+        let closest = ClosestOnLimit::new(&device, &patches).unwrap();
+        let exact = closest.descend(&input.queries).unwrap();
+        let trusted = closest.approach(&input.queries, near).unwrap();
+        let settled = exact.iter().zip(&trusted);
+        let apart: Vec<f64> = settled
+            .filter(|(exact, _)| exact.status == Status::Converged)
+            .map(|(exact, &at)| exact.position.distance(patches.evaluate(at).position))
+            .collect();
+        let share =
+            |most: f64| apart.iter().filter(|&&d| d <= most).count() as f64 / apart.len() as f64;
+        println!(
+            "{} of 3000, {:.3}, {:.3}",
+            apart.len(),
+            share(near),
+            share(0.1 * near)
+        );
+        assert!(apart.len() > 2900 && share(near) > 0.99 && share(0.1 * near) > 0.9);
+    }
+    let mut kept = input.queries[0];
+    kept.is_settled = true;
+    let closest = ClosestOnLimit::new(&Device::Cpu, &patches).unwrap();
+    assert_eq!(closest.approach(&[kept], near).unwrap(), [kept.start]);
+}
+
 /// The nearest of many points of the surface.
 fn by_sampling(patches: &Patches<'_>, faces: usize, triangles: bool, query: DVec3) -> f64 {
     let n = 10;

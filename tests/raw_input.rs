@@ -1,4 +1,4 @@
-//! Raw scans: several files and their poses as one target, range images, points that are trusted less, outliers.
+//! Raw scans: several files and their poses as one target, range images, single views as points, points that are trusted less, outliers.
 
 mod common;
 
@@ -12,6 +12,7 @@ use vorofit::geometry::random::Random;
 use vorofit::measure;
 use vorofit::mesh::{PointCloud, TriangleMesh, shapes};
 use vorofit::progress::Silent;
+use vorofit::reconstruction;
 
 const BALL: f64 = 2.0;
 
@@ -212,6 +213,61 @@ fn the_eight_scans_of_the_dragon_fit_together() {
     let median = *distances.select_nth_unstable_by(middle, f64::total_cmp).1;
     // A fraction of the points' spacing of half a millimetre; the wrong way round the quaternions leave several millimetres.
     assert!(median < 0.0002, "{median}");
+}
+
+fn cloud(positions: Vec<DVec3>) -> PointCloud {
+    PointCloud {
+        positions,
+        ..PointCloud::default()
+    }
+}
+
+#[test]
+fn the_points_of_one_view_make_a_surface_of_one_side() {
+    let golden_angle = std::f64::consts::PI * (3.0 - 5f64.sqrt());
+    // The upper half of a ball.
+    let count = 3_000;
+    let point = |k: usize| {
+        let z = (k as f64 + 0.5) / count as f64;
+        let (sin, cos) = (golden_angle * k as f64).sin_cos();
+        DVec3::new(cos, sin, 0.0) * (1.0 - z * z).sqrt() + z * DVec3::Z
+    };
+    let view = cloud((0..count).map(point).collect());
+    let surface = reconstruction::surface(&view).expect("a surface");
+    let outwards = |t: usize| {
+        let center = surface.corners(t).iter().sum::<DVec3>();
+        0.5 * surface.area_vector(t).dot(center.normalize())
+    };
+    let outwards: f64 = (0..surface.triangles.len()).map(outwards).sum();
+    let area = std::f64::consts::TAU;
+    assert!((outwards / area - 1.0).abs() < 0.1, "{outwards} of {area}");
+    assert!(surface.area() < 1.12 * area, "{} of {area}", surface.area());
+}
+
+#[test]
+fn points_that_enclose_nothing_are_refused() {
+    let refusal = |points: &PointCloud| {
+        let surface = reconstruction::surface(points);
+        surface.map(|_| ()).expect_err("no inside").to_string()
+    };
+    // A wavy sheet.
+    let side = 60;
+    let at = |k: usize| 2.0 * (k as f64 + 0.5) / side as f64 - 1.0;
+    let point = |k: usize| {
+        let (x, y) = (at(k % side), at(k / side));
+        DVec3::new(x, y, 0.1 * (4.0 * x).sin() * (4.0 * y).sin())
+    };
+    let refused = refusal(&cloud((0..side * side).map(point).collect()));
+    assert!(refused.contains("enclose nothing"), "{refused}");
+    // A hippopotamus in six parts, from one side.
+    let Some(hippo) = common::data("points/hippo.ply") else {
+        return;
+    };
+    let Scan::Points(hippo) = read_scans(&[hippo]).expect("points") else {
+        panic!("it has no faces");
+    };
+    let refused = refusal(&hippo);
+    assert!(refused.contains("enclose nothing"), "{refused}");
 }
 
 /// The distances from the centre of a ball that a fit with these options ends with, least and largest.

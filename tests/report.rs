@@ -10,12 +10,15 @@ use program::*;
 use serde_json::Value;
 use std::path::Path;
 use std::sync::OnceLock;
+use vorofit::device::Device;
+use vorofit::features::{Features, Scale};
 use vorofit::files::{SurfaceToWrite, read_surface, write_surface};
-use vorofit::mesh::{PolygonMesh, TriangleMesh, shapes};
+use vorofit::mesh::{Frame, PolygonMesh, TriangleMesh, shapes};
 use vorofit::picture::{Axis, Paint, Picture, Scene, Shape, Strokes, View, color, edges};
 use vorofit::report::Report;
+use vorofit::report::feature_layers::{point_layers, ridge_layers};
 use vorofit::report::page::{Page, Subject};
-use vorofit::topology::Holes;
+use vorofit::topology;
 
 const FRONT: View = View {
     from: DVec3::Z,
@@ -119,6 +122,24 @@ fn edges_lie_on_their_faces_and_values_have_their_colours() {
         "the middle of a face: {:?}",
         at(125, 125)
     );
+
+    // A point keeps its colour on a surface, whose light shows the depth; at the far end of a cloud it fades.
+    let points = |places: &[DVec3]| Strokes {
+        segments: places.iter().map(|&p| [p, p]).collect(),
+        color: [255, 150, 0],
+        width: 9.0,
+    };
+    let middle = |surfaces: &[(&Shape, Paint<'_>)], places: &[DVec3]| {
+        draw(surfaces, vec![points(places)], [201, 201]).pixels()[100 * 201 + 100]
+    };
+    let solid = middle(&[(&faces, Paint::Plain([255; 3]))], &[DVec3::Z]);
+    assert!(
+        solid[0] > 252 && solid[1].abs_diff(150) < 3 && solid[2] < 3,
+        "{solid:?}"
+    );
+    let aside = [DVec3::X, DVec3::NEG_X].map(|p| p + DVec3::Z);
+    let far = middle(&[], &[aside[0], aside[1], DVec3::NEG_Z]);
+    assert!((50..250).contains(&far[2]), "{far:?}");
 
     // Unknown is grey, no error is light, the largest is dark and reddish.
     let shade = |value: f64| {
@@ -402,6 +423,30 @@ fn the_geometry_of_the_page_is_that_of_the_files() {
             "{name}"
         );
     }
+    let mut scan = read_surface(&folder.join(HOSTILE))
+        .expect("a scan")
+        .mesh
+        .triangulate();
+    let frame = Frame::of(&scan).expect("an extent");
+    for p in &mut scan.positions {
+        *p = frame.to_unit(*p);
+    }
+    let scan = topology::oriented(&topology::cleaned(&scan));
+    let features = Features::find(&Device::Cpu, &scan, Scale::Automatic).expect("features");
+    let layers = Vec::from(ridge_layers(&features)).into_iter();
+    let layers: Vec<_> = layers.chain(point_layers(&features)).collect();
+    let shown = scene["features"].as_array().expect("sorts");
+    assert_eq!(shown.len(), layers.len());
+    let mut all = 0;
+    for (sort, layer) in shown.iter().zip(&layers) {
+        assert_eq!(sort["name"], layer.name);
+        let lines = sort["lines"].as_array().expect("lines");
+        for (lines, strokes) in lines.iter().zip(&layer.strokes) {
+            assert_eq!(bytes(&lines["ends"]).len(), 16 * strokes.segments.len());
+            all += strokes.segments.len();
+        }
+    }
+    assert!(all > 20, "{all}");
     let edges_in_page = bytes(&scene["layers"]["cage"]["edges"]).len() / 8;
     let control = read_surface(&folder.join("control.obj"))
         .expect("a cage")
@@ -419,7 +464,7 @@ fn a_cloud_is_shown_as_points() {
     };
     let surface = PolygonMesh::from(ball);
     let subject = Subject {
-        holes: Holes::Bridge,
+        covered: &[],
         name: "points.xyz",
         target: &cloud,
         cage: &surface,
@@ -427,7 +472,7 @@ fn a_cloud_is_shown_as_points() {
         distances: None,
         up: Axis::Y,
     };
-    let drawn = Page::new(&subject).expect("a page");
+    let drawn = Page::new(&Device::Cpu, &subject).expect("a page");
     let report = Report::new("fit");
     drawn.write(&folder, &report, "vorofit").expect("written");
     let page = std::fs::read_to_string(folder.join("index.html")).expect("a page");
@@ -436,6 +481,7 @@ fn a_cloud_is_shown_as_points() {
     assert_eq!(target["triangles"], 0);
     assert_eq!(target["vertex_count"], cloud.positions.len());
     assert_eq!(scene["layers"]["surface"]["valued"], false);
+    assert_eq!(scene["features"], serde_json::json!([]));
     assert!(!page.contains("id=\"legend\""), "no colours, no legend");
     let (_, _, pixels) = decoded(&std::fs::read(folder.join("target.png")).expect("a picture"));
     let points = pixels.iter().filter(|&&p| is_drawn(p)).count();

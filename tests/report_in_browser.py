@@ -4,6 +4,7 @@ pip install playwright pillow numpy; Chromium as `chromium` on the path, or as t
 cargo run --release -- demo && python tests/report_in_browser.py vorofit-demo/report
 """
 
+import base64
 import contextlib
 import io
 import json
@@ -68,6 +69,32 @@ def check_view(page):
         assert (abs(a - b).max(2) > 12).mean() > 0.03, "the layers differ"
 
 
+def check_features(page):
+    sorts = json.loads(page.locator("#scene").text_content())["features"]
+    counts = [sum(len(base64.b64decode(lines["ends"])) // 16 for lines in sort["lines"]) for sort in sorts]
+    assert len(counts) == 6 and sum(counts) > 20, counts
+    drawn_lines = lambda: int(page.locator("#canvas").get_attribute("data-features"))
+    tick = lambda box: page.evaluate("(box) => box.click()", box.element_handle())
+    everything, boxes = page.locator("#show-features"), page.locator("#features input")
+    only_scan = page.locator("#show-target")
+    tick(only_scan)
+    without = pixels(page)
+    assert drawn_lines() == 0 and page.locator("#features").get_attribute("hidden") is not None
+    tick(everything)
+    everywhere = pixels(page)
+    assert drawn_lines() == sum(counts) and boxes.count() == len(sorts)
+    assert (abs(everywhere - without).max(2) > 60).mean() > 0.001, "lines on the scan"
+    for k, sort in enumerate(sorts):
+        shown = (abs(everywhere - numpy.array(sort["color"])).max(2) <= 2).sum()
+        hidden = (abs(without - numpy.array(sort["color"])).max(2) <= 2).sum()
+        assert counts[k] == 0 or shown >= hidden, sort["name"]
+        tick(boxes.nth(k))
+        assert drawn_lines() == sum(counts[k + 1:]), sort["name"]
+        pixels(page)
+    tick(everything)
+    tick(only_scan)
+
+
 def check_numbers(page):
     report = json.loads(page.locator("#report").text_content())
     cells = page.locator("[data-key]").all()
@@ -122,6 +149,7 @@ with sync_playwright() as playwright:
         with opened(browser, color_scheme=scheme, viewport={"width": 1280, "height": 900}) as page:
             picture(page, scheme)
             check_view(page)
+            check_features(page)
             check_numbers(page)
     with opened(browser, viewport={"width": 390, "height": 800}, has_touch=True) as page:
         picture(page, "telephone")

@@ -10,7 +10,10 @@ use vorofit::features::{Features, Filtered, Kind, Line, Origin, Scale, UmbilicKi
 use vorofit::files::curves::{Curve, check_curves, write_curves};
 use vorofit::files::read_surface;
 use vorofit::mesh::{Frame, TriangleMesh};
-use vorofit::picture::{Paint, Picture, Rgb, Scene, Shape, Strokes, View};
+use vorofit::picture::{Paint, Picture, Rgb, Scene, Shape, View, color};
+use vorofit::report::feature_layers::{
+    CROSSING_COLOR, UMBILIC_COLOR, point_layers, points, ridge_color, ridge_layers,
+};
 use vorofit::report::{
     DeviceReport, FeatureReport, LineReport, Report, SiteReport, Stopwatch, TargetReport,
 };
@@ -27,13 +30,8 @@ const TURNING: u8 = 128;
 const SITE: f64 = -2.0;
 const NO_LINE: f64 = -1.0;
 
-const UMBILIC_COLOR: Rgb = [255, 150, 0];
-const CROSSING_COLOR: Rgb = [120, 40, 150];
 const SITE_COLOR: Rgb = [20, 20, 20];
-const SURFACE: Rgb = [214, 218, 224];
 const SIZE: [u32; 2] = [1600, 1200];
-/// Lines of less strength than this are drawn thin.
-const BOLD: f64 = 1.0;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -192,61 +190,23 @@ impl Args {
         summary.text()
     }
 
-    /// Strong lines bold, weak ones thin; umbilics and crossings of the picture's lines as dots.
+    /// The chosen sites take the place of umbilics and crossings.
     fn draw(&self, mesh: &TriangleMesh, features: &Features, chosen: Option<&Filtered>) -> Picture {
         let shape = Shape::smooth(mesh);
-        let mut scene = Scene::default();
-        scene.surfaces.push((&shape, Paint::Plain(SURFACE)));
-        for (is_bold, width) in [(false, 1.2), (true, 3.0)] {
-            for kind in KINDS {
-                let chosen = features
-                    .lines
-                    .iter()
-                    .filter(|l| l.kind == kind && (l.strength > BOLD) == is_bold);
-                let pieces = |line: &Line| -> Vec<_> {
-                    line.points
-                        .windows(2)
-                        .map(|w| [w[0].position, w[1].position])
-                        .collect()
-                };
-                scene.strokes.push(Strokes {
-                    segments: chosen.flat_map(pieces).collect(),
-                    color: color(kind),
-                    width,
-                });
-            }
-        }
-        let dots = |points: Vec<_>, color, width| Strokes {
-            segments: points.into_iter().map(|p| [p, p]).collect(),
-            color,
-            width,
-        };
+        let mut layers = Vec::from(ridge_layers(features));
         match chosen {
             Some(chosen) => {
-                let sites = chosen.sites.iter().map(|site| site.position).collect();
-                scene.strokes.push(dots(sites, SITE_COLOR, 7.0));
+                let sites = chosen.sites.iter().map(|site| site.position);
+                layers.push(points("sites", SITE_COLOR, sites));
             }
-            None => {
-                let strong = features.crossings.iter().filter(|c| c.strength > BOLD);
-                scene.strokes.push(dots(
-                    strong.map(|c| c.position).collect(),
-                    CROSSING_COLOR,
-                    6.0,
-                ));
-                let umbilics = features.umbilics.iter().map(|u| u.position).collect();
-                scene.strokes.push(dots(umbilics, UMBILIC_COLOR, 7.0));
-            }
+            None => layers.extend(point_layers(features)),
         }
+        let scene = Scene {
+            surfaces: vec![(&shape, Paint::Plain(color::TARGET))],
+            strokes: layers.into_iter().flat_map(|layer| layer.strokes).collect(),
+            legend: None,
+        };
         Picture::draw(&scene, &View::with_up(self.up.into()), SIZE)
-    }
-}
-
-fn color(kind: Kind) -> Rgb {
-    match kind {
-        Kind::Red => [205, 30, 40],
-        Kind::Blue => [25, 70, 200],
-        Kind::Yellow => [215, 170, 0],
-        Kind::Green => [40, 150, 70],
     }
 }
 
@@ -333,7 +293,7 @@ fn line_curve(number: usize, line: &Line) -> Curve {
                 ]
             })
             .collect(),
-        color: color(line.kind),
+        color: ridge_color(line.kind),
     }
 }
 

@@ -151,6 +151,14 @@ impl Method {
     }
 }
 
+/// How good a fit is.
+struct Verdict {
+    error: ErrorReport,
+    cage: CageReport,
+    /// `[surface vertices]`: from the target, if they are to be shown.
+    distances: Option<Vec<f64>>,
+}
+
 /// A fit that has run, in input coordinates.
 struct Finished {
     control: ControlMesh,
@@ -194,6 +202,8 @@ impl Job<'_> {
         session.terminal.stage("preparing the target");
         // Of a cloud, where the method needs one.
         let mut reconstructed = None;
+        // The fit's own, so that nothing is mended twice.
+        let mut mended = None;
         let (frame, fit) = match &self.method {
             Method::Voronoi { template, options } => {
                 let (surface, confidence) = match self.target {
@@ -209,13 +219,15 @@ impl Job<'_> {
                 let target = fit::Target::with(device, &surface, confidence, self.holes())
                     .map_err(|e| in_file(e, self.name, "faces"))?;
                 stopwatch.lap("prepare");
-                self.fit_voronoi(session, &target, template, options, stopwatch)?
+                let fit = self.fit_voronoi(session, &target, template, options, stopwatch)?;
+                mended = Some(target.mended()?);
+                fit
             }
             Method::Interpolate { start, options } => {
                 let data = self.data(None, 0)?;
                 stopwatch.lap("prepare");
                 let control = self.control_mesh(session, &data, start, stopwatch)?;
-                let fit = fit::interpolate(&data, control, options)
+                let fit = fit::interpolate(&data, control, options, &session.terminal)
                     .map_err(|e| in_file(e, self.template_file(), "template"))?;
                 stopwatch.laps(fit.stages.iter().cloned());
                 (data.frame, fit)
@@ -236,10 +248,17 @@ impl Job<'_> {
             Some(surface) => in_frame(surface.clone(), &frame),
             None => self.target.in_frame(&frame),
         };
-        let (error, distances) = self.judge(&target, &frame, &fit)?;
-        let cage = self.judge_cage(&target, &fit)?;
+        if mended.is_none() && !target.triangles.is_empty() {
+            mended = Some(Mended::of(&target, self.holes())?);
+        }
+        let mended = mended.as_ref();
+        let Verdict {
+            error,
+            cage,
+            distances,
+        } = self.judge(&target, mended, &frame, &fit)?;
         stopwatch.lap("measure");
-        let page = self.draw(session, &target, &fit, distances.as_deref())?;
+        let page = self.draw(session, &target, mended, &fit, distances.as_deref())?;
         if page.is_some() {
             stopwatch.lap("report");
         }
@@ -273,7 +292,8 @@ impl Job<'_> {
         stopwatch: &mut Stopwatch,
     ) -> Result<(Frame, Fit)> {
         let about_template = |e| in_file(e, self.template_file(), "template");
-        let start = Start::new(target, template, options.scheme).map_err(about_template)?;
+        let start = Start::with_progress(target, template, options.scheme, &session.terminal)
+            .map_err(about_template)?;
         stopwatch.lap("template");
         let fit = fit::fit_with_checkpoints(
             session.device()?,
@@ -305,7 +325,7 @@ impl Job<'_> {
         stopwatch: &mut Stopwatch,
     ) -> Result<ControlMesh> {
         let control = data
-            .control_mesh(session.device()?, start)
+            .control_mesh(session.device()?, start, &session.terminal)
             .map_err(|e| in_file(e, self.template_file(), "template"))?;
         stopwatch.lap("template");
         Ok(control)
@@ -327,21 +347,38 @@ impl Job<'_> {
         Ok((data.frame, fit))
     }
 
-    /// The error of a fit to the target in the unit frame, and the distances of the surface's vertices from it if they are to be shown.
+    /// How good a fit to the target, in the unit frame, is; `mended` is the target's, if it has triangles.
     fn judge(
         &self,
         target: &TriangleMesh,
+        mended: Option<&Mended>,
         frame: &Frame,
         fit: &Fit,
-    ) -> Result<(ErrorReport, Option<Vec<f64>>)> {
+    ) -> Result<Verdict> {
         let diagonal = frame.diagonal;
-        if target.triangles.is_empty() {
+        let control = &fit.control.mesh;
+        let mut cage = CageReport {
+            euler_characteristic: Connectivity::of(control)?.euler_characteristic(),
+            target_euler_characteristic: None,
+            least_angle: measure::least_angle(control),
+            folded_percent: None,
+        };
+        let Some(mended) = mended else {
             let error = fit.data_error.unwrap_or_default();
-            return Ok((ErrorReport::of_points(error, diagonal), None));
-        }
+            return Ok(Verdict {
+                error: ErrorReport::of_points(error, diagonal),
+                cage,
+                distances: None,
+            });
+        };
         let surface = fit.surface.triangulate();
-        let mut error = measure::surface_error_with(target, &surface, SAMPLES, self.holes())
-            .map_err(|e| in_file(e, self.name, "result"))?;
+        let (error, characteristic) = rayon::join(
+            || mended.surface_error(target, &surface, SAMPLES),
+            || mended.euler_characteristic(),
+        );
+        let mut error = error.map_err(|e| in_file(e, self.name, "result"))?;
+        cage.target_euler_characteristic = characteristic;
+        cage.folded_percent = Some(100.0 * error.share_folded);
         if let Target::Points(points) = self.target {
             let points: Vec<DVec3> = points.positions.iter().map(|&p| frame.to_unit(p)).collect();
             error.target_to_surface = measure::point_error(&points, &surface)?;
@@ -353,25 +390,11 @@ impl Job<'_> {
             let rims = measure::rim_error(target, &surface, RIM_SAMPLES);
             report = report.with_rims(rims, diagonal);
         }
-        Ok((report, distances.transpose()?))
-    }
-
-    /// What the control mesh is like, against the target in the unit frame.
-    fn judge_cage(&self, target: &TriangleMesh, fit: &Fit) -> Result<CageReport> {
-        let control = &fit.control.mesh;
-        let mut report = CageReport {
-            euler_characteristic: Connectivity::of(control)?.euler_characteristic(),
-            target_euler_characteristic: None,
-            least_angle: measure::least_angle(control),
-            folded_percent: None,
-        };
-        if !target.triangles.is_empty() {
-            let target = Mended::of(target, self.holes());
-            let folded = target.folded_share(&fit.surface.triangulate())?;
-            report.target_euler_characteristic = target.euler_characteristic();
-            report.folded_percent = Some(100.0 * folded);
-        }
-        Ok(report)
+        Ok(Verdict {
+            error: report,
+            cage,
+            distances: distances.transpose()?,
+        })
     }
 
     /// The page, if one is wanted.
@@ -379,6 +402,7 @@ impl Job<'_> {
         &self,
         session: &Session,
         target: &TriangleMesh,
+        mended: Option<&Mended>,
         fit: &Fit,
         distances: Option<&[f64]>,
     ) -> Result<Option<Page>> {
@@ -387,16 +411,17 @@ impl Job<'_> {
         };
         session.terminal.stage("drawing the report");
         let name = self.name.file_name().unwrap_or_default();
-        let page = Page::new(&Subject {
+        let covered = mended.map(|mended| mended.covered(&fit.surface.positions));
+        let subject = Subject {
             name: &name.to_string_lossy(),
             target,
             cage: &fit.control.mesh,
             surface: &fit.surface,
             distances,
-            holes: self.holes(),
+            covered: &covered.unwrap_or_default(),
             up: place.up,
-        })?;
-        Ok(Some(page))
+        };
+        Page::new(session.device()?, &subject).map(Some)
     }
 
     /// What becomes of the target's holes.

@@ -8,14 +8,16 @@ use super::text::{Summary, count, parse_number};
 use clap::ValueEnum;
 use glam::DVec3;
 use std::path::{Path, PathBuf};
+use vorofit::features::{self, Features};
 use vorofit::files::{read_error, read_surface};
 use vorofit::measure;
 use vorofit::mesh::{Frame, PolygonMesh};
 use vorofit::picture::{
     Axis, LARGEST_SIDE, Legend, Paint, Picture, Scale, Scene, Shape, Strokes, View, color,
 };
+use vorofit::report::feature_layers::{point_layers, ridge_layers};
 use vorofit::report::{Report, ResultReport, Stopwatch, TargetReport};
-use vorofit::{Error, Result};
+use vorofit::{Error, Result, topology};
 
 /// Meshes of more faces than this are drawn without their edges, which would be all that is seen.
 const DISTINCT_FACES: usize = 8000;
@@ -26,6 +28,7 @@ const EXAMPLES: &str = "\
 Examples:
   vorofit render control.obj -o cage.png
   vorofit render surface.ply --target scan.ply -o error.png --size 2400x1800
+  vorofit render scan.ply --features -o ridges.png
   vorofit render part.stl -o part.png --up z --from 1,-2,0.5";
 
 /// Make a picture of a surface (PNG), with its distance to a target as colours
@@ -40,6 +43,9 @@ pub struct Args {
     /// Colour the surface by its distance to this one
     #[arg(long, value_name = "FILE")]
     target: Option<PathBuf>,
+    /// Draw its ridges (by colour), sharp edges, umbilics and crossings, as `vorofit features` finds them
+    #[arg(long)]
+    features: bool,
     /// Width and height in pixels
     #[arg(long, value_name = "WxH", default_value = "1200x900", value_parser = parse_size)]
     size: [u32; 2],
@@ -55,7 +61,7 @@ pub struct Args {
     /// The direction towards the eye [default: from the front, a little to the right and above]
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = parse_direction)]
     from: Option<DVec3>,
-    /// Whether the edges of the faces are drawn [default: on up to 8000 faces]
+    /// Whether the edges of the faces are drawn [default: on up to 8000 faces, off with --features]
     #[arg(long, value_enum, hide_possible_values = true, value_name = "on|off")]
     edges: Option<Switch>,
     /// The distance of the last colour, in percent of the diagonal [default: what 99 % of the vertices are under]
@@ -99,8 +105,14 @@ impl Args {
         terminal.stage("measuring the distances");
         let distances = self.distances(&mesh)?;
         stopwatch.lap("measure");
+        let mut strokes = Vec::new();
+        if self.features {
+            terminal.stage("finding features");
+            strokes = feature_strokes(session, &mesh)?;
+            stopwatch.lap("features");
+        }
         terminal.stage("drawing");
-        self.picture(&mesh, distances.as_ref())
+        self.picture(&mesh, distances.as_ref(), strokes)
             .write(&self.output)?;
         stopwatch.lap("draw");
         terminal.clear();
@@ -170,16 +182,24 @@ impl Args {
         }))
     }
 
-    fn picture(&self, mesh: &PolygonMesh, distances: Option<&Distances>) -> Picture {
+    fn picture(
+        &self,
+        mesh: &PolygonMesh,
+        distances: Option<&Distances>,
+        strokes: Vec<Strokes>,
+    ) -> Picture {
         let with_edges = match self.edges {
             Some(switch) => switch == Switch::On,
-            None => mesh.face_count() <= DISTINCT_FACES,
+            None => mesh.face_count() <= DISTINCT_FACES && !self.features,
         };
         let shape = match with_edges {
             true => Shape::faceted(mesh),
             false => Shape::smooth(&mesh.triangulate()),
         };
-        let mut scene = Scene::default();
+        let mut scene = Scene {
+            strokes,
+            ..Scene::default()
+        };
         let values: Vec<f64>;
         let mut paint = Paint::Plain(if with_edges {
             color::CAGE
@@ -210,6 +230,15 @@ impl Args {
         };
         Picture::draw(&scene, &view, self.size)
     }
+}
+
+/// The features of a surface as lines and points.
+fn feature_strokes(session: &Session, mesh: &PolygonMesh) -> Result<Vec<Strokes>> {
+    let mesh = topology::oriented(&topology::cleaned(&mesh.triangulate()));
+    let features = Features::find(session.device()?, &mesh, features::Scale::Automatic)?;
+    let layers = ridge_layers(&features).into_iter();
+    let layers = layers.chain(point_layers(&features));
+    Ok(layers.flat_map(|layer| layer.strokes).collect())
 }
 
 /// What 99 % of the numbers are under.

@@ -148,6 +148,16 @@ impl Args {
                 significant(quality.scaled_jacobian_mean, 3)
             ),
         );
+        if made.crossing > 0 || made.surface_crossing > 0 {
+            summary.line(
+                "crosses",
+                format!(
+                    "{} elements cross others, {} triangles of the surface itself do",
+                    count(made.crossing),
+                    count(made.surface_crossing)
+                ),
+            );
+        }
         let seconds = report.timing.as_ref().map_or(0.0, |timing| timing.total_s);
         let end = if made.interrupted {
             "; interrupted: this is the best so far"
@@ -163,12 +173,20 @@ impl Args {
         if made.interrupted {
             return Ok(Outcome::Interrupted);
         }
-        if quality.invalid > 0 {
+        if quality.invalid > 0 || made.crossing > 0 {
             return Err(Error::file(
                 &self.output[0],
                 "elements",
-                format!("{} of them are invalid", quality.invalid),
-                "use a smaller distance or smooth the surface; vorofit check names them",
+                format!(
+                    "{} of them are invalid, {} cross others",
+                    quality.invalid, made.crossing
+                ),
+                match made.surface_crossing {
+                    0 => {
+                        "use a smaller distance or smooth the surface; vorofit check names the invalid ones"
+                    }
+                    _ => "mend the surface, which crosses itself",
+                },
             ));
         }
         Ok(Outcome::Done)

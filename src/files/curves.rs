@@ -5,6 +5,8 @@
 //! | .vtp | polylines and single vertices | every column, of points and of lines |
 //! | .ply | an element `edge` of pairs of vertices | every column, at vertices; and a colour each |
 //! | .obj | `l` and `p` | none: a group for each name |
+//!
+//! Of PLY readers, MeshLab's takes edges; meshio's refuses every file that has more than vertices and faces.
 
 use super::write_whole;
 use crate::error::{Defect, Result};

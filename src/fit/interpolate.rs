@@ -9,6 +9,7 @@ use super::record::{Fit, StopReason};
 use crate::error::Result;
 use crate::mesh::{Connectivity, ControlMesh, Scheme};
 use crate::model::{self, Model};
+use crate::progress::Progress;
 use glam::DVec3;
 use rstar::RTree;
 use std::time::Instant;
@@ -24,15 +25,27 @@ pub struct Interpolation {
 
 /// The Loop surface through the points of a template.
 ///
-/// `template`: triangles in the unit frame of the data, on it ([`Data::control_mesh`]).
+/// `template`: triangles in the unit frame of the data, on it ([`Data::control_mesh`]). Interrupted, there are fewer refinements, or the template has fewer points
+/// already.
 ///
 /// # Errors
 /// Where the template is no oriented manifold of triangles, or its points are not finite.
-pub fn interpolate(data: &Data, mut template: ControlMesh, options: &Interpolation) -> Result<Fit> {
+pub fn interpolate(
+    data: &Data,
+    mut template: ControlMesh,
+    options: &Interpolation,
+    progress: &dyn Progress,
+) -> Result<Fit> {
     let begun = Instant::now();
     for _ in 0..options.refinements {
-        template = refined(data, &template)?;
+        if !progress.interrupted() {
+            template = refined(data, &template)?;
+        }
     }
+    let stop_reason = match progress.interrupted() {
+        true => StopReason::Interrupted,
+        false => StopReason::Schedule,
+    };
     let control = model::interpolating(&template, Scheme::Loop)?;
     let model = Model::new(&control, Scheme::Loop, options.levels, true)?;
     Ok(Fit {
@@ -41,7 +54,7 @@ pub fn interpolate(data: &Data, mut template: ControlMesh, options: &Interpolati
         iterations: Vec::new(),
         data_error: None,
         stages: vec![("control points".into(), begun.elapsed().as_secs_f64())],
-        stop_reason: StopReason::Schedule,
+        stop_reason,
     })
 }
 

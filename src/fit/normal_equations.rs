@@ -211,7 +211,7 @@ impl System<'_> {
 }
 
 /// Moves `x` towards the solution of A x = `right` until the residual is `tolerance` of the first one. `apply`: the product of A, symmetric and
-/// positive, with a vector; `preconditioner`: about the inverse of its diagonal blocks.
+/// positive, with a vector; `preconditioner`: about the inverse of its diagonal blocks, or zero for what is to stay.
 pub(super) fn conjugate_gradients(
     apply: impl Fn(&[DVec3]) -> Vec<DVec3>,
     preconditioner: &[DMat3],

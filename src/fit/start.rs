@@ -4,6 +4,7 @@ use super::Target;
 use crate::error::Result;
 use crate::mesh::{ControlMesh, Scheme};
 use crate::model;
+use crate::progress::{Progress, Silent};
 use crate::template::{self, Align, Axis, Genus};
 use glam::DVec3;
 
@@ -97,6 +98,19 @@ impl Start {
     /// # Errors
     /// As [`template::automatic`], [`template::torus`], [`template::simplified`], [`template::adaptive`], [`template::ridges`] and [`template::placed`].
     pub fn new(target: &Target, template: &Template, scheme: Scheme) -> Result<Self> {
+        Self::with_progress(target, template, scheme, &Silent)
+    }
+
+    /// Like [`new`](Self::new), telling how far it is; interrupted, a network has fewer points.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn with_progress(
+        target: &Target,
+        template: &Template,
+        scheme: Scheme,
+        progress: &dyn Progress,
+    ) -> Result<Self> {
         let mut proximity = match template {
             Template::BoundingBox { .. } => Proximity::Far,
             _ => Proximity::Near,
@@ -136,16 +150,16 @@ impl Start {
                 control_points,
                 seed,
             } => {
-                let network =
-                    template::adaptive(&target.device, &target.mesh, *control_points, *seed)?;
+                let (device, mesh) = (&target.device, &target.mesh);
+                let network = template::adaptive(device, mesh, *control_points, *seed, progress)?;
                 (model::interpolating(&network, scheme)?, 0)
             }
             Template::Ridges {
                 control_points,
                 flips,
             } => {
-                let network =
-                    template::ridges(&target.device, &target.mesh, *control_points, *flips)?;
+                let (device, mesh) = (&target.device, &target.mesh);
+                let network = template::ridges(device, mesh, *control_points, *flips, progress)?;
                 (model::interpolating(&network, scheme)?, 0)
             }
             Template::Mesh { control, align } => {

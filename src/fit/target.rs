@@ -2,12 +2,13 @@
 
 use crate::device::Device;
 use crate::error::{Error, Result};
+use crate::geometry::ClosestPoint;
 use crate::geometry::triangle_tree::{TriangleTree, spatial_order};
 use crate::kernel::candidates::Candidates;
 use crate::kernel::closest_point::ClosestPoints;
 use crate::kernel::restricted_voronoi::{self, Metric};
 use crate::kernel::vsdm::FixedSide;
-use crate::measure::{Boundary, Rim};
+use crate::measure::{Boundary, Mended, Rim};
 use crate::mesh::sample::{SurfacePoint, sample_by_area};
 use crate::mesh::{Frame, TriangleMesh};
 use crate::reconstruction::{Bridged, bridged};
@@ -168,6 +169,14 @@ impl Target {
         })
     }
 
+    /// The same as surfaces are to be held against it.
+    ///
+    /// # Errors
+    /// None: there are triangles.
+    pub fn mended(&self) -> Result<Mended> {
+        Mended::new(self.mesh.clone(), self.bridge.clone(), self.holes)
+    }
+
     /// The rims that the surface is to follow, if it is to follow any.
     pub fn rim(&self) -> Option<&Rim> {
         self.rim.as_ref()
@@ -184,21 +193,22 @@ impl Target {
     /// The same of those points that are further than `enough` from the target; for the others any point of it that is no further.
     pub(super) fn closest_beyond(&self, points: &[DVec3], enough: f64) -> Result<Vec<TargetPoint>> {
         let found = self.closest.query_beyond(points, enough)?;
-        Ok(found
-            .into_par_iter()
-            .map(|c| TargetPoint {
-                point: c.point,
-                normal: self.normal(c.triangle),
-                place: if self.bridge[c.triangle as usize] {
-                    Place::Bridge
-                } else if self.boundary.holds(&c) {
-                    Place::Rim
-                } else {
-                    Place::Covered
-                },
-                weight: self.weights[c.triangle as usize],
-            })
-            .collect())
+        Ok(found.par_iter().map(|c| self.describe(c)).collect())
+    }
+
+    fn describe(&self, c: &ClosestPoint) -> TargetPoint {
+        TargetPoint {
+            point: c.point,
+            normal: self.normal(c.triangle),
+            place: if self.bridge[c.triangle as usize] {
+                Place::Bridge
+            } else if self.boundary.holds(c) {
+                Place::Rim
+            } else {
+                Place::Covered
+            },
+            weight: self.weights[c.triangle as usize],
+        }
     }
 
     /// About `count` area samples of the full target, none on bridges.

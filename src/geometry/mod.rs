@@ -2,6 +2,7 @@
 
 pub mod bvh;
 pub mod clip;
+pub mod crossing;
 pub mod distortion;
 pub mod eigen;
 pub mod morton;

@@ -97,11 +97,17 @@ impl Aabb {
         hi: DVec3::NEG_INFINITY,
     };
 
-    fn of(triangles: &[[DVec3; 3]]) -> Self {
+    /// The smallest box around triangles.
+    pub fn of(triangles: &[[DVec3; 3]]) -> Self {
         triangles
             .iter()
             .flatten()
             .fold(Self::EMPTY, |b, &p| b.union(Self { lo: p, hi: p }))
+    }
+
+    /// Whether two boxes have a point in common.
+    pub fn meets(self, other: Self) -> bool {
+        self.lo.cmple(other.hi).all() && other.lo.cmple(self.hi).all()
     }
 
     fn union(self, other: Self) -> Self {

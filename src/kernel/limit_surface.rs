@@ -195,6 +195,29 @@ impl<'a> ClosestOnLimit<'a> {
             .collect())
     }
 
+    /// About where [`descend`](Self::descend) ends for each query, whatever its status: nearer to it by far than a length `near`
+    /// ([`Patches::approach`]).
+    ///
+    /// # Errors
+    /// Where the device fails.
+    pub fn approach(&self, queries: &[LimitQuery], near: f64) -> Result<Vec<SurfaceParameter>> {
+        let raw = match &self.resident {
+            Some(resident) => Some(resident.query(queries)?),
+            None => None,
+        };
+        let answer = |(i, query): (usize, &LimitQuery)| match query.is_settled {
+            true => query.start,
+            false => {
+                let start = raw.as_ref().map_or(query.start, |raw| raw[i].parameter);
+                self.patches.approach(query.point, start, near)
+            }
+        };
+        Ok((queries.par_iter().enumerate())
+            .with_min_len(CHUNK)
+            .map(answer)
+            .collect())
+    }
+
     /// The nearest point of the whole surface to each of `points`: none is nearer by more than `tolerance`, a length. `known`: a point of the surface for each to
     /// begin with, or an empty list. Runs on the CPU; the time grows as the tolerance shrinks.
     ///
@@ -261,36 +284,58 @@ fn point_at(
 
 /// Four triangles or eight to a control face, between points of the surface, and the parameters of their corners.
 fn facets(patches: &Patches<'_>) -> (TriangleMesh, Vec<[SurfaceParameter; 3]>) {
-    const TRIANGLES: [[[f64; 2]; 3]; 4] = [
-        [[0.0, 0.0], [0.5, 0.0], [0.0, 0.5]],
-        [[0.5, 0.0], [1.0, 0.0], [0.5, 0.5]],
-        [[0.0, 0.5], [0.5, 0.5], [0.0, 1.0]],
-        [[0.5, 0.5], [0.0, 0.5], [0.5, 0.0]],
-    ];
-    let turned = TRIANGLES.map(|t| t.map(|[u, v]| [1.0 - u, 1.0 - v]));
-    let of_face: Vec<[[f64; 2]; 3]> = match patches.surface().is_loop() {
-        true => TRIANGLES.to_vec(),
-        false => TRIANGLES.into_iter().chain(turned).collect(),
+    let mesh = patches.surface().connectivity();
+    let (vertices, edges) = (mesh.vertex_count(), mesh.edge_count());
+    let corners: &[[f64; 2]] = match patches.surface().is_loop() {
+        true => &[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]],
+        false => &[[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]],
     };
-    let faces = patches.surface().connectivity().face_count() as u32;
-    let corners: Vec<[SurfaceParameter; 3]> = (0..faces)
-        .flat_map(|face| {
-            let at = move |[u, v]: [f64; 2]| SurfaceParameter { face, u, v };
-            of_face.iter().map(move |t| t.map(at))
-        })
-        .collect();
-    let positions = (corners.par_iter().flatten())
-        .map(|&at| patches.evaluate(at).position)
-        .collect();
-    let triangles = (0..corners.len() as u32)
-        .map(|t| [3 * t, 3 * t + 1, 3 * t + 2])
-        .collect();
+    let n = corners.len();
+    // Of a face: its corners, the middles of its edges, and its own middle.
+    let middle = |a: [f64; 2], b: [f64; 2]| [0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1])];
+    let mut places = corners.to_vec();
+    places.extend((0..n).map(|k| middle(corners[k], corners[(k + 1) % n])));
+    places.push([0.5; 2]);
+    let before = |k: usize| n + (k + n - 1) % n;
+    let mut of_face: Vec<[usize; 3]> = (0..n).map(|k| [k, n + k, before(k)]).collect();
+    match n {
+        3 => of_face.push([3, 4, 5]),
+        _ => of_face.extend((0..n).map(|k| [n + k, 2 * n, before(k)])),
+    }
+    let number = |f: usize, place: usize| {
+        let half_edge = mesh.half_edges(f).start + (place % n) as u32;
+        match place / n {
+            0 => mesh.origin(half_edge) as usize,
+            1 => vertices + mesh.edge_of(half_edge) as usize,
+            _ => vertices + edges + f,
+        }
+    };
+    let mut spots: Vec<Option<SurfaceParameter>> = vec![None; vertices + edges + mesh.face_count()];
+    let (mut triangles, mut parameters) = (Vec::new(), Vec::new());
+    for f in 0..mesh.face_count() {
+        let at = |place: usize| SurfaceParameter {
+            face: f as u32,
+            u: places[place][0],
+            v: places[place][1],
+        };
+        for triangle in &of_face {
+            for &place in triangle {
+                spots[number(f, place)].get_or_insert(at(place));
+            }
+            triangles.push(triangle.map(|place| number(f, place) as u32));
+            parameters.push(triangle.map(at));
+        }
+    }
+    let position = |spot: &Option<SurfaceParameter>| {
+        spot.map_or(patches.origin(), |at| patches.evaluate(at).position)
+    };
+    let positions = spots.par_iter().map(position).collect();
     (
         TriangleMesh {
             positions,
             triangles,
         },
-        corners,
+        parameters,
     )
 }
 

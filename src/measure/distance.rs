@@ -4,7 +4,7 @@
 //! report as the Hausdorff distance, and is too small. The [`Interval`] is certain to hold the true value, by branch and bound.
 
 use super::hausdorff::{self, Interval, Limits};
-use super::sampling::{Figures, Sums, for_each_sample};
+use super::sampling::{Figures, Sums, for_each_sample, for_each_vertex};
 use crate::error::Result;
 use crate::geometry::Bvh;
 use crate::mesh::{Frame, TriangleMesh};
@@ -15,7 +15,7 @@ const NARROW: f64 = 1e-6;
 /// How much work a comparison may be.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Options {
-    /// Samples spread over each surface, at least; each triangle gets one at least.
+    /// Samples spread over each surface, at least; each triangle gets one at least if there are no more triangles.
     pub samples: usize,
     /// The width of the Hausdorff intervals to reach, relative to the distance itself (or 10⁻⁶ of the diagonal, if that is wider).
     pub tolerance: f64,
@@ -96,9 +96,13 @@ fn directed(
     options: Options,
 ) -> Result<Directed> {
     let mut sums = Sums::default();
-    for_each_sample(from, tree, options.samples, |closest, area| {
+    for_each_sample(from, tree, options.samples, |closest, area, _| {
         sums.add(closest.distance_squared, area);
     })?;
+    for_each_vertex(from, tree, sums.max, |closest| {
+        sums.add(closest.distance_squared, 0.0);
+        sums.max
+    });
     let figures = sums.figures();
     let limits = Limits {
         relative: options.tolerance,

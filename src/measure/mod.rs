@@ -5,6 +5,7 @@ mod cage;
 mod chebyshev;
 pub mod distance;
 mod hausdorff;
+mod mended;
 mod rim;
 mod sampling;
 pub mod scaled_jacobian;
@@ -12,15 +13,13 @@ pub mod surface_error;
 mod truncation;
 pub mod validity;
 
-pub(crate) use cage::share_facing_away;
-pub use cage::{Mended, least_angle};
+pub use cage::least_angle;
 pub use distance::{Comparison, Options, compare};
 pub use hausdorff::Interval;
+pub use mended::Mended;
 pub use rim::{Rim, RimError, RimPoint, rim_error};
 pub use sampling::Figures;
-pub use surface_error::{
-    Boundary, SurfaceError, covered, distances, point_error, surface_error, surface_error_with,
-};
+pub use surface_error::{Boundary, SurfaceError, distances, point_error, surface_error};
 
 /// Surfaces with known distances.
 #[cfg(test)]

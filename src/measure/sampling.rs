@@ -2,8 +2,8 @@
 //!
 //! Each triangle is cut into k² congruent ones, k from its area, with one sample in each. Samples at the centres would be biased: a distance is
 //! mostly convex between its zeros, and on a simplified scan the mean came out 0.7 % too small. So the places come from Roberts' R₂
-//! sequence, which fills the triangle evenly from sample to sample and is the same at every run. The vertices are sampled too,
-//! without weight: they count for the maximum only.
+//! sequence, which fills the triangle evenly from sample to sample and is the same at every run. Of more triangles than samples
+//! the small ones share samples. The vertices are sampled too, without weight: they count for the maximum only.
 
 use crate::error::{Error, Result};
 use crate::geometry::{Bvh, ClosestPoint};
@@ -40,7 +40,7 @@ impl Figures {
 pub(super) struct Sums {
     pub count: usize,
     pub area: f64,
-    max: f64,
+    pub max: f64,
     first: f64,
     second: f64,
 }
@@ -66,8 +66,8 @@ impl Sums {
     }
 }
 
-/// Calls `visit` with the closest point of `to` and the area weight of each sample of `from`, in a fixed order: first its vertices, with
-/// weight 0, then at least `count` samples and at least one a triangle.
+/// Calls `visit` with the closest point of `to`, the area weight and the triangle of each sample of `from`, in a fixed order: at least `count` samples,
+/// and at least one a triangle where there are no more triangles than that.
 ///
 /// # Errors
 /// Where `from` has no area to spread samples over.
@@ -75,7 +75,7 @@ pub(super) fn for_each_sample(
     from: &TriangleMesh,
     to: &Bvh,
     count: usize,
-    mut visit: impl FnMut(&ClosestPoint, f64),
+    mut visit: impl FnMut(&ClosestPoint, f64, usize),
 ) -> Result<()> {
     let total = from.area();
     if !(total > 0.0 && total.is_finite()) {
@@ -88,20 +88,46 @@ pub(super) fn for_each_sample(
         to,
         visit: &mut visit,
         points: Vec::with_capacity(BLOCK),
-        weights: Vec::with_capacity(BLOCK),
+        origins: Vec::with_capacity(BLOCK),
     };
-    for v in referenced_vertices(from) {
-        block.push(from.positions[v], 0.0);
-    }
     let density = count as f64 / total;
     let mut places = Places::default();
+    // The samples that the small triangles so far have a right to.
+    let mut due = (from.triangles.len() > count).then_some(0.5);
     for t in 0..from.triangles.len() {
-        sample_triangle(from.corners(t), density, &mut places, |p, area| {
-            block.push(p, area)
-        });
+        let mut push = |p, area| block.push(p, (area, t));
+        match &mut due {
+            Some(due) if from.area_vector(t).length() * 0.5 * density < 1.0 => {
+                *due += from.area_vector(t).length() * 0.5 * density;
+                if *due >= 1.0 {
+                    *due -= 1.0;
+                    sample_triangle(from.corners(t), 0.0, &mut places, |p, _| {
+                        push(p, density.recip());
+                    });
+                }
+            }
+            _ => sample_triangle(from.corners(t), density, &mut places, push),
+        }
     }
     block.flush();
     Ok(())
+}
+
+/// Calls `visit` with the closest point of `to` for each vertex of `from` that some triangle uses; what it returns is how near is near enough for
+/// those that follow, as `enough` is for the first: then any point of `to` that is no further may be given.
+pub(super) fn for_each_vertex(
+    from: &TriangleMesh,
+    to: &Bvh,
+    mut enough: f64,
+    mut visit: impl FnMut(&ClosestPoint) -> f64,
+) {
+    let vertices: Vec<usize> = referenced_vertices(from).collect();
+    for block in vertices.chunks(BLOCK) {
+        let points: Vec<DVec3> = block.iter().map(|&v| from.positions[v]).collect();
+        for closest in to.closest_beyond(&points, enough) {
+            enough = visit(&closest);
+        }
+    }
 }
 
 /// Samples waiting for their closest points.
@@ -109,24 +135,26 @@ struct Block<'a, F> {
     to: &'a Bvh,
     visit: &'a mut F,
     points: Vec<DVec3>,
-    weights: Vec<f64>,
+    /// The area and the triangle of each.
+    origins: Vec<(f64, usize)>,
 }
 
-impl<F: FnMut(&ClosestPoint, f64)> Block<'_, F> {
-    fn push(&mut self, point: DVec3, weight: f64) {
+impl<F: FnMut(&ClosestPoint, f64, usize)> Block<'_, F> {
+    fn push(&mut self, point: DVec3, origin: (f64, usize)) {
         self.points.push(point);
-        self.weights.push(weight);
+        self.origins.push(origin);
         if self.points.len() == BLOCK {
             self.flush();
         }
     }
 
     fn flush(&mut self) {
-        for (closest, &weight) in self.to.closest_all(&self.points).iter().zip(&self.weights) {
-            (self.visit)(closest, weight);
+        let found = self.to.closest_all(&self.points);
+        for (closest, &(area, triangle)) in found.iter().zip(&self.origins) {
+            (self.visit)(closest, area, triangle);
         }
         self.points.clear();
-        self.weights.clear();
+        self.origins.clear();
     }
 }
 
@@ -187,6 +215,7 @@ fn sample_triangle(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::measure::shapes;
 
     /// The mean of a function over the samples of as many copies of a triangle as are told, and the number of samples.
     fn mean(copies: usize, density: f64, f: impl Fn(DVec3) -> f64) -> (f64, usize) {
@@ -226,13 +255,44 @@ mod tests {
             triangles: vec![triangle],
         };
         let tree = Bvh::new(&positions, &[[0, 1, 2]]).expect("a triangle");
-        assert!(for_each_sample(&mesh([0, 1, 1]), &tree, 10, |_, _| ()).is_err());
+        assert!(for_each_sample(&mesh([0, 1, 1]), &tree, 10, |_, _, _| ()).is_err());
         let mut sums = Sums::default();
-        for_each_sample(&mesh([0, 1, 2]), &tree, 10, |c, w| {
+        for_each_sample(&mesh([0, 1, 2]), &tree, 10, |c, w, t| {
+            assert_eq!(t, 0);
             sums.add(c.distance_squared, w);
         })
         .expect("an area");
+        for_each_vertex(&mesh([0, 1, 2]), &tree, 0.0, |c| {
+            sums.add(c.distance_squared, 0.0);
+            0.0
+        });
         assert_eq!(sums.count, 3 + 16);
         assert_eq!(sums.figures(), Figures::default());
+    }
+
+    /// On the plane z = x the distance from the plane z = 0 along z is x.
+    #[test]
+    fn many_small_triangles_share_samples_evenly() {
+        let floor = shapes::grid(1, 1.0);
+        let tree = Bvh::new(&floor.positions, &floor.triangles).expect("triangles");
+        let mut slope = shapes::grid(300, 1.0);
+        slope.positions.iter_mut().for_each(|p| p.z = p.x);
+        let mut sums = Sums::default();
+        for_each_sample(&slope, &tree, 10_000, |c, w, _| {
+            sums.add(c.distance_squared, w);
+        })
+        .expect("an area");
+        assert!(sums.count.abs_diff(10_000) <= 1);
+        let figures = sums.figures();
+        assert!((figures.mean - 0.5).abs() < 2e-3, "{}", figures.mean);
+        assert!((figures.rms - 1.0 / 3f64.sqrt()).abs() < 2e-3);
+        let mut largest = 0.0;
+        let mut exact = 0;
+        for_each_vertex(&slope, &tree, 0.9, |c| {
+            exact += usize::from(c.distance_squared > 0.81);
+            largest = f64::max(largest, c.distance_squared.sqrt());
+            largest.max(0.9)
+        });
+        assert!((largest - 1.0).abs() < 1e-12 && exact > 0);
     }
 }

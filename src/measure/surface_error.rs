@@ -1,18 +1,18 @@
 //! The error of a fitted surface against its target, with what lies over the target's holes apart.
 //!
 //! Where the target has a hole a good surface closes it, and the distance from there to the target says nothing about the fit. Such points
-//! are known by their closest point on the target with its holes bridged ([`bridged`]): it lies on a bridge, or on a
+//! are known by their closest point on the target with its holes bridged ([`Mended`]): it lies on a bridge, or on a
 //! boundary edge that is left. (The rim of the unbridged target does not tell: where it curls inwards, points over the hole are closest
 //! to its inside.)
 
-use super::sampling::{Figures, Sums, for_each_sample};
+use super::mended::Mended;
+use super::sampling::{Figures, Sums, for_each_sample, for_each_vertex};
 use crate::device::Device;
 use crate::error::Result;
 use crate::geometry::{Bvh, ClosestPoint};
 use crate::kernel::closest_point::ClosestPoints;
 use crate::mesh::TriangleMesh;
-use crate::reconstruction::{Bridged, bridged};
-use crate::topology::{self, Holes};
+use crate::topology::Holes;
 use glam::DVec3;
 use std::collections::HashMap;
 
@@ -27,6 +27,8 @@ pub struct SurfaceError {
     pub share_over_holes: f64,
     /// The largest distance from there to the bridge or rim; 0 where there is no such part.
     pub max_over_holes: f64,
+    /// The share of the rest of the surface's area that faces away from the target ([`Mended`]); 1 where there is no rest.
+    pub share_folded: f64,
 }
 
 impl SurfaceError {
@@ -47,39 +49,73 @@ pub fn surface_error(
     surface: &TriangleMesh,
     samples: usize,
 ) -> Result<SurfaceError> {
-    surface_error_with(target, surface, samples, Holes::Bridge)
+    Mended::of(target, Holes::Bridge)?.surface_error(target, surface, samples)
 }
 
-/// The same for any kind of holes: of [`Holes::Follow`], what of the surface is beyond a rim counts as over a hole.
-///
-/// # Errors
-/// As [`surface_error`].
-pub fn surface_error_with(
-    target: &TriangleMesh,
-    surface: &TriangleMesh,
-    samples: usize,
-    holes: Holes,
-) -> Result<SurfaceError> {
-    let mut forth = Sums::default();
-    let tree = Bvh::new(&surface.positions, &surface.triangles)?;
-    for_each_sample(target, &tree, samples, |closest, area| {
-        forth.add(closest.distance_squared, area);
-    })?;
-    let (mut covered, mut over_holes) = (Sums::default(), Sums::default());
-    let judge = Judge::of(target, holes)?;
-    for_each_sample(surface, &judge.tree, samples, |closest, area| {
-        let part = match judge.covers(closest) {
-            true => &mut covered,
-            false => &mut over_holes,
+impl Mended {
+    /// The error of `surface` against `target`, which this is made of, as [`surface_error`] tells it.
+    ///
+    /// # Errors
+    /// As [`surface_error`].
+    pub fn surface_error(
+        &self,
+        target: &TriangleMesh,
+        surface: &TriangleMesh,
+        samples: usize,
+    ) -> Result<SurfaceError> {
+        let tree = Bvh::new(&surface.positions, &surface.triangles)?;
+        let mut forth = Sums::default();
+        for_each_sample(target, &tree, samples, |closest, area, _| {
+            forth.add(closest.distance_squared, area);
+        })?;
+        for_each_vertex(target, &tree, forth.max, |closest| {
+            forth.add(closest.distance_squared, 0.0);
+            forth.max
+        });
+        let mut back = self.sums(surface, samples)?;
+        self.add_vertices(surface, &mut back);
+        Ok(SurfaceError {
+            target_to_surface: forth.figures(),
+            surface_to_target: back.covered.figures(),
+            share_over_holes: back.over_holes.area / (back.over_holes.area + back.covered.area),
+            max_over_holes: back.over_holes.figures().max,
+            share_folded: match back.covered.area > 0.0 {
+                true => back.folded / back.covered.area,
+                false => 1.0,
+            },
+        })
+    }
+
+    fn sums(&self, surface: &TriangleMesh, samples: usize) -> Result<Back> {
+        let mut back = Back::default();
+        for_each_sample(surface, self.tree(), samples, |closest, area, triangle| {
+            if !self.covers(closest) {
+                return back.over_holes.add(closest.distance_squared, area);
+            }
+            back.covered.add(closest.distance_squared, area);
+            if self.faces_away(surface.area_vector(triangle), closest) {
+                back.folded += area;
+            }
+        })?;
+        Ok(back)
+    }
+
+    /// Adds the vertices, which count for the largest distances only.
+    fn add_vertices(&self, surface: &TriangleMesh, back: &mut Back) {
+        let has_holes = self.has_holes();
+        let enough = |back: &Back| match has_holes {
+            true => back.covered.max.min(back.over_holes.max),
+            false => back.covered.max,
         };
-        part.add(closest.distance_squared, area);
-    })?;
-    Ok(SurfaceError {
-        target_to_surface: forth.figures(),
-        surface_to_target: covered.figures(),
-        share_over_holes: over_holes.area / (over_holes.area + covered.area),
-        max_over_holes: over_holes.figures().max,
-    })
+        for_each_vertex(surface, self.tree(), enough(back), |closest| {
+            let part = match self.covers(closest) {
+                true => &mut back.covered,
+                false => &mut back.over_holes,
+            };
+            part.add(closest.distance_squared, 0.0);
+            enough(back)
+        });
+    }
 }
 
 /// The distances of points from a surface, each of which counts alike.
@@ -95,39 +131,13 @@ pub fn point_error(points: &[DVec3], surface: &TriangleMesh) -> Result<Figures> 
     Ok(sums.figures())
 }
 
-/// For each of `points` whether the target has something to say about it: whether it is over the target rather than over one of its holes or
-/// beyond its rim.
-///
-/// # Errors
-/// Where the target has no triangle.
-pub fn covered(target: &TriangleMesh, points: &[DVec3], holes: Holes) -> Result<Vec<bool>> {
-    let judge = Judge::of(target, holes)?;
-    let closest = judge.tree.closest_all(points);
-    Ok(closest.iter().map(|c| judge.covers(c)).collect())
-}
-
-/// Tells what lies over a target with its holes bridged.
-struct Judge {
-    /// The triangles that are not bridges come first.
-    real: usize,
-    boundary: Boundary,
-    tree: Bvh,
-}
-
-impl Judge {
-    fn of(target: &TriangleMesh, holes: Holes) -> Result<Self> {
-        let Bridged { mesh, real } = bridged(topology::cleaned(target), holes);
-        Ok(Self {
-            real,
-            boundary: Boundary::of(&mesh),
-            tree: Bvh::new(&mesh.positions, &mesh.triangles)?,
-        })
-    }
-
-    /// Whether what this point is closest to is no bridge and no rim.
-    fn covers(&self, closest: &ClosestPoint) -> bool {
-        (closest.triangle as usize) < self.real && !self.boundary.holds(closest)
-    }
+/// What a surface's samples sum to.
+#[derive(Default)]
+struct Back {
+    covered: Sums,
+    over_holes: Sums,
+    /// The area of what is covered and faces away.
+    folded: f64,
 }
 
 /// The distance from each of `points` to a surface, for colouring.

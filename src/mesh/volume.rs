@@ -79,6 +79,32 @@ impl CellShape {
         }
     }
 
+    /// Each corner, and the three that it has edges to, right-handed. The map from the reference tetrahedron is the same at all corners, so
+    /// one stands for them.
+    pub const fn spokes(self) -> &'static [[usize; 4]] {
+        match self {
+            Self::Tetrahedron => &[[0, 1, 2, 3]],
+            Self::Prism => &[
+                [0, 1, 2, 3],
+                [1, 2, 0, 4],
+                [2, 0, 1, 5],
+                [3, 5, 4, 0],
+                [4, 3, 5, 1],
+                [5, 4, 3, 2],
+            ],
+            Self::Hexahedron => &[
+                [0, 1, 3, 4],
+                [1, 2, 0, 5],
+                [2, 3, 1, 6],
+                [3, 0, 2, 7],
+                [4, 7, 5, 0],
+                [5, 4, 6, 1],
+                [6, 5, 7, 2],
+                [7, 6, 4, 3],
+            ],
+        }
+    }
+
     /// The name in messages.
     pub const fn name(self) -> &'static str {
         match self {

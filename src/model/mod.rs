@@ -106,6 +106,27 @@ fn check_size(half_edges: usize, levels: usize) -> Result<()> {
     ))
 }
 
+/// The mesh of a control mesh after `levels` refinements, its vertices on the limit surface: what [`Model::surface`] makes, without the matrix that
+/// control points in motion want.
+///
+/// # Errors
+/// As [`Model::new`].
+pub fn limit_mesh(control: &ControlMesh, scheme: Scheme, levels: usize) -> Result<PolygonMesh> {
+    let mut level = Level::of(control, scheme)?;
+    check_size(level.connectivity.half_edge_count(), levels)?;
+    let mut positions = control.mesh.positions.clone();
+    for _ in 0..levels {
+        let (finer, refinement) = level.refine();
+        positions = refinement.apply(&positions);
+        level = finer;
+    }
+    let positions = level.limit().apply(&positions);
+    Ok(PolygonMesh::from_faces(
+        positions,
+        level.connectivity.faces(),
+    ))
+}
+
 /// One refinement of the control mesh itself: a finer control mesh of the same limit surface.
 ///
 /// Vertices keep their indices, with edge and face points after them; creases are inherited with their sharpness less one, corners as they are.

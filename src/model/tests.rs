@@ -352,6 +352,26 @@ fn subdividing_the_control_mesh_keeps_the_limit_surface() {
 }
 
 #[test]
+fn a_limit_mesh_is_the_surface_of_the_model() {
+    for (control, scheme) in [
+        (grid(4, true), Scheme::Loop),
+        (bipyramid(7), Scheme::Loop),
+        (quad_fan(5), Scheme::CatmullClark),
+    ] {
+        for levels in [0, 2] {
+            let model = Model::new(&control, scheme, levels, true).unwrap();
+            let expected = model.surface(&control.mesh.positions);
+            let found = limit_mesh(&control, scheme, levels).unwrap();
+            assert!(found.faces().eq(expected.faces()));
+            for (p, q) in found.positions.iter().zip(&expected.positions) {
+                assert!(p.distance(*q) < 1e-14, "{scheme:?}, {levels} levels");
+            }
+        }
+    }
+    assert!(limit_mesh(&grid(4, true), Scheme::Loop, 40).is_err());
+}
+
+#[test]
 fn polygons_stay_where_they_are() {
     let triangles = bipyramid(5);
     let model = Model::new(&triangles, Scheme::Polygon, 2, true).unwrap();

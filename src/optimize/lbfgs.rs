@@ -2,6 +2,7 @@
 //! the inverse Hessian where the caller has one.
 
 use super::line_search::{self, Sample};
+use super::vectors::{add, add_to, dot, scale_by};
 use glam::DVec3;
 use std::collections::VecDeque;
 
@@ -122,8 +123,7 @@ impl Lbfgs {
             if iterations == self.iterations {
                 break Stop::Count;
             }
-            let largest = gradient.iter().map(|g| g.length()).fold(0.0, f64::max);
-            if largest == 0.0 {
+            if gradient.iter().all(|g| *g == DVec3::ZERO) {
                 break Stop::Stationary;
             }
             let mut direction = descent(&gradient, &pairs, curvature);
@@ -137,7 +137,7 @@ impl Lbfgs {
                 break Stop::Stationary;
             }
             let first_step = if pairs.is_empty() && curvature.is_none() {
-                self.first_step / largest
+                self.first_step / gradient.iter().map(|g| g.length()).fold(0.0, f64::max)
             } else {
                 1.0
             };
@@ -249,7 +249,8 @@ fn push_pair(
 
 /// −H g by the two-loop recursion.
 fn descent(gradient: &[DVec3], pairs: &VecDeque<Pair>, curvature: Option<Curvature>) -> Vec<DVec3> {
-    let mut q: Vec<DVec3> = gradient.iter().map(|g| -*g).collect();
+    let mut q = gradient.to_vec();
+    scale_by(&mut q, -1.0);
     let mut alphas = Vec::with_capacity(pairs.len());
     for p in pairs.iter().rev() {
         let alpha = p.rho * dot(&p.s, &q);
@@ -265,25 +266,13 @@ fn descent(gradient: &[DVec3], pairs: &VecDeque<Pair>, curvature: Option<Curvatu
             None => dot(&p.y, &p.y),
         };
         let scale = 1.0 / (p.rho * seen);
-        q.iter_mut().for_each(|v| *v *= scale);
+        scale_by(&mut q, scale);
     }
     for (p, alpha) in pairs.iter().zip(alphas.into_iter().rev()) {
         let beta = p.rho * dot(&p.y, &q);
         add_to(&mut q, &p.s, alpha - beta);
     }
     q
-}
-
-fn dot(a: &[DVec3], b: &[DVec3]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a.dot(*b)).sum()
-}
-
-fn add(a: &[DVec3], b: &[DVec3], scale: f64) -> Vec<DVec3> {
-    a.iter().zip(b).map(|(a, b)| *a + *b * scale).collect()
-}
-
-fn add_to(a: &mut [DVec3], b: &[DVec3], scale: f64) {
-    a.iter_mut().zip(b).for_each(|(a, b)| *a += *b * scale);
 }
 
 #[cfg(test)]

@@ -4,5 +4,6 @@
 pub mod cholesky;
 mod lbfgs;
 mod line_search;
+pub(crate) mod vectors;
 
 pub use lbfgs::{Curvature, Iterate, Lbfgs, Minimum, Stop};

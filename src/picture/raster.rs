@@ -14,7 +14,7 @@ const TILE: usize = 32;
 const SIDE: usize = TILE * SAMPLES;
 /// How much nearer strokes count than they are: edges lie in the faces that they bound.
 const LIFT: f64 = 1.001;
-/// Share of a point's colour that is left at the far end of the scene; the rest is white, since points have no light to show their depth.
+/// Share of a point's colour that is left at the far end of a scene without surfaces; the rest is white, since nothing else shows the depth of a cloud.
 const FAR: f64 = 0.3;
 /// Covers the rounding of barycentric weights, so that no sample falls between two triangles.
 const SLACK: f64 = -1e-9;
@@ -30,10 +30,11 @@ pub(super) fn draw(scene: &Scene<'_>, camera: &Camera, [width, height]: [usize; 
         .iter()
         .map(|(shape, paint)| SeenSurface::new(shape, *paint, camera))
         .collect();
+    let far = if scene.surfaces.is_empty() { FAR } else { 1.0 };
     let strokes: Vec<_> = scene
         .strokes
         .iter()
-        .map(|strokes| SeenStrokes::new(strokes, camera))
+        .map(|strokes| SeenStrokes::new(strokes, camera, far))
         .collect();
     let bins = Bins::new(&surfaces, &strokes, [width, height]);
     let mut pixels = vec![[255; 3]; width * height];
@@ -125,10 +126,12 @@ struct SeenStrokes {
     segments: Vec<[DVec3; 2]>,
     color: [f32; 3],
     radius: f64,
+    /// The share of the colour that is left of points at the far end.
+    far: f64,
 }
 
 impl SeenStrokes {
-    fn new(strokes: &Strokes, camera: &Camera) -> Self {
+    fn new(strokes: &Strokes, camera: &Camera, far: f64) -> Self {
         let segments = strokes.segments.par_iter();
         Self {
             segments: segments
@@ -136,6 +139,7 @@ impl SeenStrokes {
                 .collect(),
             color: color::linear(strokes.color),
             radius: 0.5 * strokes.width,
+            far,
         }
     }
 }
@@ -301,7 +305,7 @@ impl Tile {
             |nearness, ()| {
                 let share = match length_squared > 0.0 {
                     true => 1.0,
-                    false => FAR + (1.0 - FAR) * Camera::depth_share(nearness),
+                    false => strokes.far + (1.0 - strokes.far) * Camera::depth_share(nearness),
                 };
                 strokes.color.map(|x| 1.0 + share as f32 * (x - 1.0))
             },

@@ -34,7 +34,10 @@ pub(super) fn projected(
                 normal += weight * normals[i];
             }
             if weights > f64::MIN_POSITIVE {
-                x -= distance / weights * normal.normalize_or_zero();
+                // Beyond a rim the planes of points that face various ways meet anywhere.
+                let spacing = square.sqrt();
+                let distance = (distance / weights).clamp(-spacing, spacing);
+                x -= distance * normal.normalize_or_zero();
             }
         }
         x

@@ -2,7 +2,7 @@
 //!
 //! Normals are estimated and turned outwards (`normals`), unless the cloud has some. Each point then becomes a small triangle across its normal that
 //! stands for its share of the surface, and what these triangles go around is inside, by their winding numbers as of any soup ([`crate::template::skin`]).
-//! That surface is moved onto the points by moving least squares (`mls`), and what no point is near to is left open: a hole of the scan,
+//! That surface is moved onto the points by moving least squares (`mls`), and what no point is near to, or none that faces alike, is left open: a hole of the scan,
 //! which a fit bridges and reports apart.
 
 mod bridges;
@@ -18,11 +18,14 @@ use crate::mesh::{Frame, PointCloud, TriangleMesh};
 use crate::template;
 use glam::DVec3;
 use neighbours::Neighbours;
+use rayon::prelude::*;
 
 /// The least cell of the grid, in mean spacings of the points: between points that are further apart there is no inside and outside.
 const CELL: f64 = 0.5;
 /// What is farther from all points than so many of their spacings is open.
 const OPEN: f64 = 3.0;
+/// The share of the area around points that they must cover to enclose anything. Of a ball from the front it is two thirds, of a sheet half: the other half is its back.
+const SEEN: f64 = 0.63;
 /// The fewest points that can be told from noise.
 const FEWEST: usize = 50;
 
@@ -87,7 +90,7 @@ pub fn oriented(cloud: &PointCloud) -> Result<OrientedPoints> {
 /// Normals as in [`oriented`]. Details smaller than a cell of the grid, 1/128 of the diagonal or half the points' spacing, are smoothed away.
 ///
 /// # Errors
-/// As [`oriented`], and where there is nothing that the points go around.
+/// As [`oriented`], and where there is nothing that the points go around, as where a thin or composed thing was seen from one side only.
 pub fn surface(cloud: &PointCloud) -> Result<TriangleMesh> {
     let OrientedPoints {
         frame,
@@ -100,7 +103,17 @@ pub fn surface(cloud: &PointCloud) -> Result<TriangleMesh> {
     let spacing = (areas.iter().sum::<f64>() / positions.len() as f64).sqrt();
     let mut mesh = template::skin(&splats, CELL * spacing)?;
     mesh.positions = mls::projected(&mesh.positions, &positions, &normals, &neighbours);
-    let mesh = covered(&mesh, &positions, &neighbours);
+    let around = mesh.area();
+    let mesh = covered(&mesh, &positions, &normals, &neighbours);
+    if mesh.area() < SEEN * around {
+        return Err(Error::input(
+            format!(
+                "the points enclose nothing: they are on {:.0} % of what goes around them",
+                100.0 * mesh.area() / around
+            ),
+            "add the other side, as scans from all around have it, or give --method geometric and a mesh to start from, which needs points only",
+        ));
+    }
     Ok(TriangleMesh {
         positions: mesh.positions.iter().map(|&p| frame.to_input(p)).collect(),
         triangles: mesh.triangles,
@@ -123,18 +136,27 @@ fn splats(positions: &[DVec3], normals: &[DVec3], neighbours: &Neighbours) -> Tr
     splats
 }
 
-/// The triangles that have a point near.
-fn covered(mesh: &TriangleMesh, points: &[DVec3], neighbours: &Neighbours) -> TriangleMesh {
-    let is_covered = |p: &DVec3| {
-        neighbours.nearest(*p).next().is_some_and(|i| {
-            let reach = OPEN * OPEN * neighbours.area(i);
-            points[i].distance_squared(*p) < reach
-        })
+/// The triangles that have a point near that faces as they do. Around points that enclose nothing the skin has two sides, of which one is not theirs.
+fn covered(
+    mesh: &TriangleMesh,
+    points: &[DVec3],
+    normals: &[DVec3],
+    neighbours: &Neighbours,
+) -> TriangleMesh {
+    let normal_near = |p: &DVec3| {
+        let i = neighbours.nearest(*p).next()?;
+        let reach = OPEN * OPEN * neighbours.area(i);
+        (points[i].distance_squared(*p) < reach).then_some(normals[i])
     };
-    let covered: Vec<bool> = mesh.positions.iter().map(is_covered).collect();
-    let keep = |t: &&[u32; 3]| t.iter().any(|&v| covered[v as usize]);
+    let near: Vec<Option<DVec3>> = mesh.positions.par_iter().map(normal_near).collect();
+    let is_covered = |&t: &usize| {
+        let facing = mesh.area_vector(t);
+        let mut near = mesh.triangles[t].iter().map(|&v| near[v as usize]);
+        near.any(|normal| normal.is_some_and(|normal| normal.dot(facing) > 0.0))
+    };
+    let kept = (0..mesh.triangles.len()).filter(is_covered);
     TriangleMesh {
         positions: mesh.positions.clone(),
-        triangles: mesh.triangles.iter().filter(keep).copied().collect(),
+        triangles: kept.map(|t| mesh.triangles[t]).collect(),
     }
 }

@@ -218,6 +218,7 @@ mod tests {
             surface_to_target: figures(0.02),
             share_over_holes: 0.25,
             max_over_holes: 0.125,
+            share_folded: 0.0,
         };
         let report = ErrorReport::of_fit(&error, 8.0);
         assert_eq!(report.hausdorff, 0.16);

@@ -4,6 +4,7 @@
 //! in percent of the diagonal of the target's bounding box (for `compare`, of A's).
 
 mod error;
+pub mod feature_layers;
 mod numbers;
 pub mod page;
 mod settings;
@@ -352,6 +353,10 @@ pub struct ShellReport {
     pub max_percent: f64,
     /// The share of vertices over which there was no room for all of it, in percent.
     pub shortened_percent: f64,
+    /// Elements with faces on the boundary that cross others, where not both are faces of the surface.
+    pub crossing: usize,
+    /// Triangles of the surface that cross each other.
+    pub surface_crossing: usize,
 }
 
 impl ShellReport {
@@ -363,6 +368,8 @@ impl ShellReport {
             mean_percent: 100.0 * shell.thickness.mean,
             max_percent: 100.0 * shell.thickness.max,
             shortened_percent: 100.0 * shell.shortened,
+            crossing: shell.crossing,
+            surface_crossing: shell.surface_crossing,
         }
     }
 }

@@ -125,15 +125,29 @@ fn flip_all(
     let mut flips = Vec::new();
     let mut mesh = Flippable::of(control)?;
     let positions = std::mem::take(&mut control.mesh.positions);
+    // How many flips there were when a half-edge was looked at, and after the last at a vertex: where none came in between, the answer is the same.
+    let mut seen: Vec<Option<usize>> = vec![None; mesh.origins.len()];
+    let mut touched = vec![0; positions.len()];
     loop {
         let before = flips.len();
         for h in 0..mesh.origins.len() as u32 {
-            if mesh.is_flippable(h)
-                && wanted(&mesh, h, &positions)
-                && stays_flat(mesh.quad(h), &positions)
+            if !mesh.is_flippable(h) {
+                continue;
+            }
+            let quad = mesh.quad(h);
+            let last = quad.map(|v| touched[v as usize]).into_iter().max();
+            if seen[h as usize] >= last {
+                continue;
+            }
+            seen[h as usize] = Some(flips.len());
+            if wanted(&mesh, h, &positions)
+                && stays_flat(quad, &positions)
                 && !mesh.has_other_diagonal(h)
             {
                 flips.push(mesh.flip(h));
+                for v in quad {
+                    touched[v as usize] = flips.len();
+                }
             }
         }
         if flips.len() == before {

@@ -1,6 +1,6 @@
 //! The regularized barrier: the distortion of the corners of all cells, finite where they are inverted and driven to where they are not.
 
-use super::corners::{edges, spokes};
+use super::corners::edges;
 use super::ideal::Ideals;
 use crate::geometry::distortion::cofactors;
 use crate::mesh::VolumeMesh;
@@ -97,8 +97,8 @@ impl Corners {
     pub fn new(mesh: &VolumeMesh, ideals: &Ideals) -> Self {
         let mut corners = Vec::with_capacity(ideals.matrices.len());
         for (shape, cell) in mesh.cells() {
-            let weight = 1.0 / spokes(shape).len() as f64;
-            for spokes in spokes(shape) {
+            let weight = 1.0 / shape.spokes().len() as f64;
+            for spokes in shape.spokes() {
                 corners.push(Corner {
                     vertices: spokes.map(|k| cell[k]),
                     inverse: ideals.matrices[corners.len()].inverse(),

@@ -168,6 +168,11 @@ impl Hold {
         self.pinned[v]
     }
 
+    /// Whether the boundary may move by a tolerance at most.
+    pub fn is_bounded(&self) -> bool {
+        self.tolerance.is_finite()
+    }
+
     /// Looks for the goals of all springs again, `weight` the weight of those across a surface.
     pub fn refresh(&mut self, x: &[DVec3], weight: f64) {
         let weight = weight * self.unit;
@@ -240,7 +245,7 @@ impl Hold {
     /// Draws vertices more firmly to where they were, where the boundary is further from what it was than it may be. Returns whether
     /// there were any.
     pub fn tighten(&mut self, x: &[DVec3]) -> Result<bool> {
-        if self.tolerance.is_infinite() {
+        if !self.is_bounded() {
             return Ok(false);
         }
         let allowed = NEAR_TOLERANCE * self.tolerance;

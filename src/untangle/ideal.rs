@@ -1,6 +1,6 @@
 //! What the cells of a mesh should look like.
 
-use super::corners::{edges, spokes};
+use super::corners::edges;
 use crate::mesh::VolumeMesh;
 use crate::mesh::check_volume::boundary_faces;
 use crate::model::element::{corners, reference_matrix, reference_volume};
@@ -27,7 +27,7 @@ impl Ideals {
         for (c, (shape, _)) in mesh.cells().enumerate() {
             let points = corners_of(c);
             let at = |corner: &[usize; 4]| edges(corner.map(|k| points[k]));
-            matrices.extend(spokes(shape).iter().map(at));
+            matrices.extend(shape.spokes().iter().map(at));
         }
         Self { matrices }
     }
@@ -84,7 +84,7 @@ impl Ideals {
         let of_cells: Vec<f64> = mesh
             .cells()
             .map(|(shape, _)| {
-                let (own, others) = rest.split_at(spokes(shape).len());
+                let (own, others) = rest.split_at(shape.spokes().len());
                 rest = others;
                 let ideal = reference_matrix(shape).determinant();
                 own.iter()

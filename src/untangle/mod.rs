@@ -10,7 +10,7 @@
 //! what is improved are angles. Only sizes of inverted cells say nothing: those are evened out between neighbours first.
 //!
 //! **Practice.** L-BFGS, around the inverses of the blocks of single vertices. Closest points and ε stay as they are for some iterations. Results are the
-//! same bits for any number of threads. Springs of the boundary grow with the square root of the steepest slope of e^q: with constant ones the worst
+//! same bits for any number of threads. Springs that keep the boundary within its tolerance grow with the square root of the steepest slope of e^q: with constant ones the worst
 //! corners push the boundary further than it may go, with springs in proportion nothing moves. Corners alone do not tell whether a hexahedron is valid everywhere; in
 //! practice it is.
 //!
@@ -92,7 +92,7 @@ pub struct Untangled {
 ///
 /// It does not fail where cells stay inverted: [`Untangled::inverted`] tells.
 ///
-/// ```no_run
+/// ```
 /// use glam::DVec3;
 /// use vorofit::progress::Silent;
 /// use vorofit::template::volume::grid;
@@ -141,10 +141,7 @@ pub fn untangle(
 }
 
 fn check(mesh: &VolumeMesh, ideals: &Ideals, boundary: Boundary<'_>) -> Result<()> {
-    let count: usize = mesh
-        .cells()
-        .map(|(shape, _)| corners::spokes(shape).len())
-        .sum();
+    let count: usize = mesh.cells().map(|(shape, _)| shape.spokes().len()).sum();
     let is_sound = |a: &DMat3| a.determinant() > 0.0 && a.is_finite();
     if count != ideals.matrices.len() || !ideals.matrices.iter().all(is_sound) {
         return Err(Error::input(
@@ -302,8 +299,11 @@ impl Run<'_> {
             epsilon: self.epsilon,
             power,
         };
-        // Springs must bear up against the worst corners, but let them pass: halfway in powers.
-        let steepness = self.corners.steepest(&self.x, density).sqrt();
+        // Where the boundary has a tolerance, its springs must bear up against the worst corners, but let them pass: halfway in powers.
+        let steepness = match self.hold.is_bounded() {
+            true => self.corners.steepest(&self.x, density).sqrt(),
+            false => 1.0,
+        };
         self.hold.refresh(&self.x, weight * steepness);
         let (corners, hold) = (&self.corners, &self.hold);
         let mut blocks = corners.curvatures(&self.x, density);

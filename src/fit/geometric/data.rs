@@ -5,6 +5,7 @@ use crate::error::{Error, Result};
 use crate::geometry::morton;
 use crate::mesh::sample::sample_by_area;
 use crate::mesh::{Connectivity, ControlMesh, Frame, TriangleMesh};
+use crate::progress::Progress;
 use crate::template::{self, Align};
 use crate::topology;
 use glam::DVec3;
@@ -112,11 +113,16 @@ impl Data {
         Ok(Self::ordered(frame, &points))
     }
 
-    /// The control mesh that a fit starts from, in the unit frame.
+    /// The control mesh that a fit starts from, in the unit frame; interrupted, a network of fewer points.
     ///
     /// # Errors
     /// As [`template::simplified`], [`template::adaptive`], [`template::ridges`] and [`template::placed`]; also where a cloud of points is to be simplified.
-    pub fn control_mesh(&self, device: &Device, start: &Start) -> Result<ControlMesh> {
+    pub fn control_mesh(
+        &self,
+        device: &Device,
+        start: &Start,
+        progress: &dyn Progress,
+    ) -> Result<ControlMesh> {
         match start {
             Start::Simplified(count) => {
                 let mesh = self.triangles()?;
@@ -131,7 +137,7 @@ impl Data {
             } => {
                 let mesh = self.triangles()?;
                 let count = control_points.unwrap_or_else(|| self.usual_count(mesh));
-                template::adaptive(device, mesh, count, *seed)
+                template::adaptive(device, mesh, count, *seed, progress)
             }
             Start::Ridges {
                 control_points,
@@ -139,7 +145,7 @@ impl Data {
             } => {
                 let mesh = self.triangles()?;
                 let count = control_points.unwrap_or_else(|| self.usual_count(mesh));
-                template::ridges(device, mesh, count, *flips)
+                template::ridges(device, mesh, count, *flips, progress)
             }
             Start::Mesh { control, align } => {
                 let mut control = control.clone();

@@ -5,19 +5,13 @@ use crate::device::Device;
 use crate::error::Result;
 use crate::kernel::limit_surface::{ClosestOnLimit, LimitQuery};
 use crate::model::limit_surface::{LimitSurface, Patches, Status, SurfaceParameter, SurfacePoint};
-use glam::{DVec2, DVec3};
+use glam::DVec3;
 use rayon::prelude::*;
-
-/// A footpoint that moved by less than this in the parameters of its face is settled: it is taken along with the surface once.
-const SETTLED: f64 = 1e-4;
-
-/// How many times as far from its point a footpoint may be that was taken along.
-const DRIFT: f64 = 1.05;
 
 /// Distances under this, in diagonals, have no direction of their own.
 const COINCIDENT: f64 = 1e-7;
 
-/// How near to a footpoint tracking ends, in diagonals.
+/// How near to footpoints a full search ends, in diagonals.
 const TRACKED: f64 = 1e-6;
 
 /// How much nearer than the footpoint found by a full search another point of the surface may be, in diagonals.
@@ -36,14 +30,14 @@ pub(super) struct Sample {
     pub at: SurfaceParameter,
     /// Where it is.
     pub position: DVec3,
+    /// Where it was when it was found.
+    found_at: DVec3,
     /// Unit length: the direction in which the distance counts; on the boundary the tangent, in which it does not.
     pub direction: DVec3,
     /// The combination of control points that the position is.
     pub row: Vec<(u32, f64)>,
     /// Whether to begin from it the next time.
     pub is_known: bool,
-    /// Whether it is near enough to where it will be to be left alone once.
-    pub is_settled: bool,
 }
 
 impl Sample {
@@ -55,10 +49,10 @@ impl Sample {
             weight: 1.0,
             at: UNKNOWN,
             position: goal,
+            found_at: goal,
             direction: DVec3::ZERO,
             row: Vec::new(),
             is_known: false,
-            is_settled: false,
         }
     }
 
@@ -74,7 +68,6 @@ impl Sample {
     /// Has the footpoint searched for the next time.
     pub fn forget(&mut self) {
         self.is_known = false;
-        self.is_settled = false;
     }
 
     /// How far the point is from its footpoint.
@@ -92,14 +85,13 @@ impl Sample {
         }
     }
 
-    /// Takes a settled footpoint along with the surface, once, unless that takes it away from the point: then it is to be tracked after all.
-    fn rests(&mut self, control_points: &[DVec3]) -> bool {
-        let before = self.distance();
-        let was_settled = std::mem::take(&mut self.is_settled);
-        if was_settled {
-            self.follow(control_points);
+    /// Takes a footpoint along with the surface; whether that is enough because the surface has moved by no more than `still` there since it was found.
+    fn rests(&mut self, control_points: &[DVec3], still: f64) -> bool {
+        if !self.is_known {
+            return false;
         }
-        was_settled && self.distance() <= DRIFT * before
+        self.follow(control_points);
+        self.position.distance(self.found_at) <= still
     }
 
     /// Takes the footpoint along with the surface.
@@ -112,18 +104,18 @@ impl Sample {
     }
 
     /// Gives it a footpoint on the surface.
-    fn set(&mut self, at: SurfaceParameter, patches: &Patches<'_>) {
-        let here = DVec2::new(at.u, at.v);
-        let moved = here.distance(DVec2::new(self.at.u, self.at.v));
-        self.is_settled = self.at.face == at.face && moved < SETTLED;
+    fn set(&mut self, at: SurfaceParameter, patches: &Patches<'_>, control_points: &[DVec3]) {
         self.at = at;
         self.is_known = true;
         patches.surface().weights(at, &mut self.row);
-        let jet = patches.evaluate(at);
-        self.position = jet.position;
+        self.follow(control_points);
+        self.found_at = self.position;
         self.direction = match self.distance() > COINCIDENT {
             true => (self.goal - self.position).normalize(),
-            false => jet.du.cross(jet.dv).normalize_or_zero(),
+            false => {
+                let jet = patches.evaluate(at);
+                jet.du.cross(jet.dv).normalize_or_zero()
+            }
         };
     }
 
@@ -143,10 +135,11 @@ const UNKNOWN: SurfaceParameter = SurfaceParameter {
     v: 0.0,
 };
 
-/// Finds the footpoints from those of the last time; settled ones are taken along, unknown ones found from scratch. Returns points of the surface's
-/// own boundary as footpoints of the nearest points of rims.
+/// Finds the footpoints from those of the last time, unknown ones from scratch. Returns points of the surface's own boundary as footpoints of the nearest points
+/// of rims.
 ///
-/// `rims`: of the mesh of `surface`.
+/// `rims`: of the mesh of `surface`. `near`: where the surface has not moved by more, in diagonals, footpoints are only taken along; and Newton's
+/// method is not asked for shorter steps.
 ///
 /// # Errors
 /// Where the device fails.
@@ -156,11 +149,12 @@ pub(super) fn update(
     control_points: &[DVec3],
     rims: &Rims,
     samples: &mut [Sample],
+    near: f64,
 ) -> Result<Vec<Sample>> {
     let patches = surface.patches(control_points);
-    let closest = ClosestOnLimit::new(device, &patches)?.within(TRACKED);
+    let closest = ClosestOnLimit::new(device, &patches)?;
     let resting: Vec<bool> = (samples.par_iter_mut())
-        .map(|s| s.rests(control_points))
+        .map(|s| s.rests(control_points, near))
         .collect();
     let awake = samples.iter_mut().zip(resting);
     let awake = awake.filter(|(_, rests)| !rests).map(|(s, _)| s);
@@ -184,8 +178,8 @@ pub(super) fn update(
             is_settled: false,
         })
         .collect();
-    let found = closest.descend(&queries)?;
-    (inner.par_iter_mut().zip(&found)).for_each(|(s, found)| s.set(found.parameter, &patches));
+    let found = closest.approach(&queries, near)?;
+    (inner.par_iter_mut().zip(found)).for_each(|(s, at)| s.set(at, &patches, control_points));
     if outer.is_empty() {
         return Ok(Vec::new());
     }
@@ -211,7 +205,7 @@ pub(super) fn carry_over(surface: &LimitSurface, control_points: &[DVec3], sampl
     });
 }
 
-/// Looks whether other places of the surface are nearer than footpoints that are known: from first guesses for all, and for those further than
+/// Looks whether other places of the surface are nearer than footpoints that are known: from first guesses in other faces, and for those further than
 /// `exact_beyond` by a search that cannot miss. Distances never grow, so that none is reported too small, and none beyond too large.
 ///
 /// # Errors
@@ -229,13 +223,20 @@ pub(super) fn search(
     let mut inner: Vec<&mut Sample> = samples.iter_mut().filter(|s| s.rim.is_none()).collect();
     let goals: Vec<DVec3> = inner.iter().map(|s| s.goal).collect();
     let guesses = closest.first_guess(device, &goals)?;
-    let query = |(&point, start)| LimitQuery {
-        point,
-        start,
-        is_settled: false,
-    };
-    let queries: Vec<LimitQuery> = goals.iter().zip(guesses).map(query).collect();
-    take_nearer(&mut inner, &closest.descend(&queries)?, &patches);
+    let (mut elsewhere, queries): (Vec<&mut Sample>, Vec<LimitQuery>) = (inner.iter_mut())
+        .zip(guesses)
+        .filter(|(s, guess)| guess.face != s.at.face)
+        .map(|(s, start)| {
+            let query = LimitQuery {
+                point: s.goal,
+                start,
+                is_settled: false,
+            };
+            (&mut **s, query)
+        })
+        .unzip();
+    let found = closest.descend(&queries)?;
+    take_nearer(&mut elsewhere, &found, &patches, control_points);
     let mut far: Vec<&mut Sample> = inner
         .into_iter()
         .filter(|s| s.distance() > exact_beyond)
@@ -246,14 +247,20 @@ pub(super) fn search(
         &mut far,
         &closest.search(&goals, &known, SEARCHED)?,
         &patches,
+        control_points,
     );
     Ok(())
 }
 
 /// Gives samples the points found where they are nearer.
-fn take_nearer(samples: &mut [&mut Sample], found: &[SurfacePoint], patches: &Patches<'_>) {
+fn take_nearer(
+    samples: &mut [&mut Sample],
+    found: &[SurfacePoint],
+    patches: &Patches<'_>,
+    control_points: &[DVec3],
+) {
     let pairs = samples.par_iter_mut().zip(found);
     pairs
         .filter(|(sample, found)| found.distance < sample.distance())
-        .for_each(|(sample, found)| sample.set(found.parameter, patches));
+        .for_each(|(sample, found)| sample.set(found.parameter, patches, control_points));
 }

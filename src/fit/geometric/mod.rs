@@ -8,13 +8,14 @@
 //! squares on the same footpoints do it ([`Step::LeastSquares`]), in which a distance counts fully along its own direction and little across it, so that
 //! footpoints may slide. Faces are split worst first, none that is within the tolerance, and no more than the mean error asks for at its order of convergence (`ORDER`).
 //! Footpoints are taken along over splits and flips, and a step on them at once undoes most of what those did to the surface. A few peaks that are left become
-//! heavier step by step. A footpoint that has settled rests for one iteration only, and not where that takes it away from its point: left alone for a
-//! whole round, it drifts along the surface, and the fit stands still. Points along
-//! a rim of the data have their footpoints on the loop of the surface's boundary that became of it, from which their distances are measured. While there are many more points than control
-//! points need, every second, fourth… is worked with; a full search at the end sees all, and what it finds beyond the tolerance is worked with from then on.
+//! heavier step by step, and then only the control points around them move. Points along a rim of the data have their footpoints on the loop of the surface's boundary
+//! that became of it, from which their distances are measured. While there are many more points than control points need, every second, fourth… is worked
+//! with; all are once peaks alone are left, or nothing gets better. Newton's method takes its last step on trust, which saves half of its evaluations; a full search at the end
+//! finds what that left behind.
 
 mod data;
 mod footpoints;
+mod peaks;
 mod remesh;
 mod rims;
 mod step;
@@ -25,25 +26,22 @@ use super::record::{Fit, Iteration, StopReason};
 use crate::device::Device;
 use crate::energy::laplacian;
 use crate::error::{Error, Result};
-use crate::kernel::sparse::Csr;
 use crate::measure::Figures;
-use crate::mesh::{ControlMesh, Scheme};
-use crate::model::Model;
-use crate::model::limit_surface::LimitSurface;
+use crate::mesh::{Connectivity, ControlMesh, Scheme};
+use crate::model::{self, limit_surface::LimitSurface};
 use crate::progress::{Event, Progress};
 use footpoints::Sample;
+use rayon::prelude::*;
 use rims::Rims;
 use std::time::Instant;
 use step::Smoothness;
 
 /// Iterations from one split to the next.
 const ROUND: usize = 4;
-/// The same where peaks alone are to be brought down.
-const ROUND_AT_PEAKS: usize = 6;
 
 /// The mean distance falls about as the number of control points to the power of -1 / [`ORDER`]: so many more are split for as it
 /// asks for, within these bounds.
-const ORDER: f64 = 1.3;
+const ORDER: f64 = 1.1;
 const GROWTH: (f64, f64) = (1.05, 2.5);
 /// New control points that are always allowed.
 const FEWEST: usize = 16;
@@ -56,19 +54,16 @@ const PROGRESS: f64 = 0.01;
 /// Footpoints further away than so many times the root mean square may be stuck far from the closest point: they are searched for again.
 const LOST: f64 = 3.0;
 
-/// Data points to a control point that the fit works with between full searches, where there are more.
-const DENSITY: usize = 16;
+/// How near footpoints are to be found, as a share of the root mean square; and before that is known, in diagonals. A foot that is beside the
+/// closest point by a tenth of its distance is further away by half a percent.
+const NEAR: f64 = 0.03;
+const NEAR_AT_FIRST: f64 = 1e-4;
 
-/// Where the root mean square is under a share of the tolerance of the largest distance, and the mean nearly within its own, peaks alone are left.
-const PEAKS_FROM: f64 = 0.35;
-const PEAKS_FROM_MEAN: f64 = 1.3;
+/// Data points to a control point that the fit works with until it is nearly done, where there are more.
+const DENSITY: usize = 8;
 
-/// What is beyond a share of the tolerance then counts so many times as much from step to step, at most so much, until it is under so much of that. With
-/// weights that go at once a peak springs back, and with larger ones its neighbours become the next peaks.
-const LIMIT: f64 = 0.9;
-const GAIN: f64 = 2.0;
-const HEAVIEST: f64 = 20.0;
-const EASED: f64 = 0.5;
+/// Samples that one task looks at.
+const SAMPLES_PER_TASK: usize = 4096;
 
 /// The regularizer: enough to hold what no data holds. A sixth of it leaves waves between the points of the bunny, a third more rms from the surface to the scan.
 const SMOOTHNESS: Smoothness = Smoothness {
@@ -131,22 +126,22 @@ pub fn fit(
     let mesh = surface.connectivity();
     let is_open = (0..mesh.edge_count() as u32).any(|e| mesh.is_boundary_edge(e));
     let rim_of: Vec<Option<u32>> = data.rims.iter().map(|r| r.filter(|_| is_open)).collect();
-    let kept = rim_of.iter().map(Option::is_some).collect();
     let rims = Rims::matched(data, mesh, &control.mesh.positions)?;
     let mut run = Run {
         device,
         data,
         options,
         progress,
-        laplacian: laplacian(mesh),
+        laplacian: laplacian_rows(mesh),
         surface,
         rims,
         control,
         samples: Vec::new(),
         indices: Vec::new(),
         spread: Vec::new(),
+        near: NEAR_AT_FIRST,
         rim_of,
-        kept,
+        sees_all: false,
         iterations: Vec::new(),
         stages: STAGES.map(|name| (name.into(), 0.0)).into(),
         started: Instant::now(),
@@ -156,8 +151,7 @@ pub fn fit(
         steps: 0,
     });
     let (stop_reason, error) = run.iterate()?;
-    let model = Model::new(&run.control, Scheme::Loop, options.levels, true)?;
-    let surface = model.surface(&run.control.mesh.positions);
+    let surface = model::limit_mesh(&run.control, Scheme::Loop, options.levels)?;
     if surface.positions.iter().any(|p| !p.is_finite()) {
         return Err(Error::input(
             "the fitted surface is not finite",
@@ -197,16 +191,18 @@ struct Run<'a> {
     /// Of `control`.
     rims: Rims,
     /// Of `control`: the rows of the regularizer.
-    laplacian: Csr,
+    laplacian: Vec<Vec<(u32, f64)>>,
     /// The points of the data that are worked with, and which they are.
     samples: Vec<Sample>,
     indices: Vec<u32>,
     /// Points of the boundary of the surface, as footpoints of the nearest points of the data's rims.
     spread: Vec<Sample>,
+    /// How near footpoints are to be found, in diagonals.
+    near: f64,
     /// `[points]`: the rim that it lies on, unless the surface is closed.
     rim_of: Vec<Option<u32>>,
-    /// `[points]`: whether it is always worked with: rims, and what a full search found too far away.
-    kept: Vec<bool>,
+    /// Whether all points are worked with from now on.
+    sees_all: bool,
     iterations: Vec<Iteration>,
     stages: Vec<(String, f64)>,
     started: Instant,
@@ -218,9 +214,11 @@ impl Run<'_> {
         self.choose_samples(self.stride());
         let mut stall = Stall::default();
         let mut since_split = 0;
+        let mut mean_before = f64::INFINITY;
         loop {
             self.track()?;
             let error = self.figures();
+            self.near = NEAR * error.rms;
             self.record(error);
             if since_split == 0 {
                 self.forget_lost(error);
@@ -235,23 +233,34 @@ impl Run<'_> {
                 return Ok((reason, self.search_all()?));
             }
             since_split += 1;
-            let round = match self.is_at_peaks(error) {
-                true => ROUND_AT_PEAKS,
-                false => ROUND,
-            };
-            if since_split < round {
-                self.weigh_peaks(error);
-                self.timed(SOLVE, Self::step);
+            let at_peaks = self.options.are_peaks_left(error);
+            if at_peaks && !self.sees_all {
+                self.sees_all = true;
+                self.choose_samples(self.stride());
+                continue;
+            }
+            if since_split < if at_peaks { peaks::ROUND } else { ROUND } {
+                if at_peaks {
+                    self.weigh_peaks();
+                }
+                let is_calm = since_split > 1 && error.mean > peaks::CALM * mean_before;
+                let free = (at_peaks && is_calm).then(|| self.around_peaks());
+                mean_before = error.mean;
+                self.timed(SOLVE, |run| run.step(free.as_deref()));
                 continue;
             }
             since_split = 0;
             stall.see(error);
             let refined = self.timed(REMESH, |run| run.refine(error))?;
             if let Some(reason) = stall.ends(refined, self.options.adapts()) {
-                return Ok((reason, self.search_all()?));
+                if self.sees_all {
+                    return Ok((reason, self.search_all()?));
+                }
+                self.sees_all = true;
+                stall = Stall::default();
             }
             // On a new mesh the old footpoints, which know what the surface was to reach, undo most of what splits and flips did to it.
-            self.timed(SOLVE, Self::step);
+            self.timed(SOLVE, |run| run.step(None));
             self.choose_samples(self.stride());
         }
     }
@@ -265,6 +274,7 @@ impl Run<'_> {
                 &run.control.mesh.positions,
                 &run.rims,
                 &mut run.samples,
+                run.near,
             )?;
             // Without splits in between they are at the same parameters.
             for (now, before) in spread.iter_mut().zip(&run.spread) {
@@ -277,13 +287,24 @@ impl Run<'_> {
 
     /// The largest, mean and root mean square distance of samples from their footpoints; the largest also of the surface's boundary from rims.
     fn figures(&self) -> Figures {
+        let sums = |part: &[Sample]| {
+            let distances = part.iter().map(Sample::distance);
+            distances.fold([0.0; 3], |[max, first, second], d| {
+                [f64::max(max, d), first + d, second + d * d]
+            })
+        };
+        let parts: Vec<[f64; 3]> = self
+            .samples
+            .par_chunks(SAMPLES_PER_TASK)
+            .map(sums)
+            .collect();
+        let all = |[a, b, c]: [f64; 3], part: &[f64; 3]| [a.max(part[0]), b + part[1], c + part[2]];
+        let [max, first, second] = parts.iter().fold([0.0; 3], all);
         let count = self.samples.len().max(1) as f64;
-        let distances = || self.samples.iter().map(Sample::distance);
-        let back = self.spread.iter().map(Sample::distance);
         Figures {
-            max: distances().chain(back).fold(0.0, f64::max),
-            mean: distances().sum::<f64>() / count,
-            rms: (distances().map(|d| d * d).sum::<f64>() / count).sqrt(),
+            max: self.spread.iter().map(Sample::distance).fold(max, f64::max),
+            mean: first / count,
+            rms: (second / count).sqrt(),
         }
     }
 
@@ -332,8 +353,8 @@ impl Run<'_> {
         }
     }
 
-    /// Moves the control points towards the data.
-    fn step(&mut self) {
+    /// Moves the control points, or those that are `free`, towards the data.
+    fn step(&mut self, free: Option<&[bool]>) {
         let samples: Vec<&Sample> = self.samples.iter().chain(&self.spread).collect();
         match self.options.step {
             Step::Displacement => step::displace(
@@ -345,6 +366,7 @@ impl Run<'_> {
                 &samples,
                 &self.laplacian,
                 SMOOTHNESS,
+                free,
                 &mut self.control.mesh,
             ),
         }
@@ -358,14 +380,13 @@ impl Run<'_> {
         let most = self.options.max_control_points;
         let most = most.unwrap_or(3 * self.data.points.len() / 4);
         let most = most.min(wanted.max(count + FEWEST));
-        if !remesh::refine(&mut self.control, &errors, most, &mut self.samples)? {
-            // What has settled is looked at again once in a round.
-            self.samples.iter_mut().for_each(|s| s.is_settled = false);
+        let control = &mut self.control;
+        if !remesh::refine(control, &self.surface, &errors, most, &mut self.samples)? {
             return Ok(false);
         }
         self.surface = LimitSurface::new(&self.control, Scheme::Loop)?;
         let mesh = self.surface.connectivity();
-        self.laplacian = laplacian(mesh);
+        self.laplacian = laplacian_rows(mesh);
         self.rims.carry_over(mesh);
         self.spread.clear();
         footpoints::carry_over(
@@ -378,39 +399,10 @@ impl Run<'_> {
 
     /// How many times as many control points to go on with: as many as the mean asks for, or the largest distance once the mean is met.
     fn growth(&self, error: Figures) -> f64 {
-        let mean = in_tolerances(error.mean, self.options.mean_error);
+        let mean = in_tolerances(error.mean, self.options.mean_error) / peaks::MARGIN;
         let max = in_tolerances(error.max, self.options.max_error);
         let ratio = if mean > 1.0 { mean } else { max };
         ratio.powf(ORDER).clamp(GROWTH.0, GROWTH.1)
-    }
-
-    /// Whether peaks alone keep the largest distance above the tolerance.
-    fn is_at_peaks(&self, error: Figures) -> bool {
-        let Options {
-            max_error,
-            mean_error,
-            ..
-        } = *self.options;
-        max_error.is_some_and(|t| error.rms < PEAKS_FROM * t)
-            && mean_error.is_none_or(|t| error.mean < PEAKS_FROM_MEAN * t)
-    }
-
-    /// Makes peaks heavier, and what has come down from them lighter again.
-    fn weigh_peaks(&mut self, error: Figures) {
-        let Some(limit) = self.options.max_error.map(|t| LIMIT * t) else {
-            return;
-        };
-        if !self.is_at_peaks(error) {
-            return;
-        }
-        for sample in self.samples.iter_mut().chain(&mut self.spread) {
-            let distance = sample.distance();
-            if distance > limit {
-                sample.weight = (sample.weight * GAIN).min(HEAVIEST);
-            } else if distance < EASED * limit {
-                sample.weight = (sample.weight / GAIN).max(1.0);
-            }
-        }
     }
 
     /// `[faces]`: errors in tolerances, the largest distance's or the mean's where that is not met yet; 0 without any.
@@ -427,7 +419,9 @@ impl Run<'_> {
             mean_error,
             ..
         } = *self.options;
-        let mean_error = mean_error.filter(|&t| error.mean > t);
+        let mean_error = mean_error
+            .map(|t| peaks::MARGIN * t)
+            .filter(|&t| error.mean > t);
         // A face may have as much of the sum of distances as every other: that is what fewest faces reach a mean with.
         let samples_to_a_face = self.samples.len() as f64 / faces.len() as f64;
         let ratio = |&(max, sum): &(f64, f64)| {
@@ -438,48 +432,54 @@ impl Run<'_> {
 
     /// Every which point of the data is enough to work with: a power of two.
     fn stride(&self) -> usize {
+        if self.sees_all {
+            return 1;
+        }
         let enough = DENSITY * self.control.mesh.positions.len();
         let ratio = (self.data.points.len() / enough.max(1)).max(1);
         1 << ratio.ilog2()
     }
 
-    /// Works with every `stride`-th point, and with those that are kept; what is known of footpoints stays known, and new points begin from those of
+    /// Works with every `stride`-th point, and with all of rims; what is known of footpoints stays known, and new points begin from those of
     /// neighbours.
     fn choose_samples(&mut self, stride: usize) {
+        if stride == 1 && self.samples.len() == self.data.points.len() {
+            return;
+        }
         let known = std::mem::take(&mut self.samples);
         let mut known = self.indices.drain(..).zip(known).peekable();
         let (mut indices, mut samples) = (Vec::new(), Vec::new());
         let mut last: Option<Sample> = None;
         for (i, (&goal, &rim)) in (self.data.points.iter()).zip(&self.rim_of).enumerate() {
             let old = known.next_if(|(k, _)| *k as usize == i).map(|k| k.1);
-            let is_new = old.is_none();
-            if self.kept[i] || i.is_multiple_of(stride) {
+            let begin = || {
                 let neighbours = last.iter().chain(known.peek().map(|k| &k.1));
-                let nearest = neighbours.min_by(|a, b| {
-                    let distance = |s: &Sample| s.goal.distance_squared(goal);
-                    distance(a).total_cmp(&distance(b))
-                });
-                let begin = || match nearest {
+                let distance = |s: &&Sample| s.goal.distance_squared(goal);
+                let nearest = neighbours.min_by(|a, b| distance(a).total_cmp(&distance(b)));
+                match nearest {
                     Some(nearest) => Sample::beside(goal, rim, nearest),
                     None => Sample::new(goal, rim),
-                };
+                }
+            };
+            let here = old.as_ref().map(|s| Sample::beside(goal, rim, s));
+            if self.rim_of[i].is_some() || i.is_multiple_of(stride) {
                 indices.push(i as u32);
-                samples.push(old.clone().unwrap_or_else(begin));
+                samples.push(old.unwrap_or_else(begin));
             }
-            if !is_new {
-                last = old;
-            }
+            last = here.or(last);
         }
         drop(known);
         (self.indices, self.samples) = (indices, samples);
     }
 
-    /// The errors of all the data by a full search. Points that are beyond a tolerance are worked with from now on; where it is the mean
-    /// that fails, all are.
+    /// The errors of all the data by a full search. All are worked with from now on.
     fn search_all(&mut self) -> Result<Figures> {
-        self.choose_samples(1);
+        self.sees_all = true;
+        self.choose_samples(self.stride());
         self.track()?;
-        let rms = self.figures().rms;
+        // What is well within the tolerance may be nearer still.
+        let enough = peaks::LIMIT * self.options.max_error.unwrap_or(0.0);
+        let exact_beyond = enough.max(LOST * self.figures().rms);
         self.timed(SEARCH, |run| {
             let points = &run.control.mesh.positions;
             footpoints::search(
@@ -487,19 +487,19 @@ impl Run<'_> {
                 &run.surface,
                 points,
                 &mut run.samples,
-                LOST * rms,
+                exact_beyond,
             )
         })?;
-        let exact = self.figures();
-        let tolerance = self.options.max_error.unwrap_or(f64::INFINITY);
-        for (kept, sample) in self.kept.iter_mut().zip(&self.samples) {
-            *kept |= sample.distance() > LIMIT * tolerance;
-        }
-        if exact.max > tolerance {
-            self.choose_samples(self.stride());
-        }
-        Ok(exact)
+        Ok(self.figures())
     }
+}
+
+/// The rows of the regularizer.
+fn laplacian_rows(mesh: &Connectivity) -> Vec<Vec<(u32, f64)>> {
+    let matrix = laplacian(mesh);
+    (0..matrix.row_count())
+        .map(|r| matrix.row(r).collect())
+        .collect()
 }
 
 /// Rounds without progress.

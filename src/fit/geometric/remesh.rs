@@ -2,35 +2,34 @@
 
 use super::footpoints::Sample;
 use crate::error::Result;
-use crate::mesh::{Connectivity, ControlMesh, Scheme};
-use crate::model::{self, limit_surface::SurfaceParameter};
+use crate::mesh::{Connectivity, ControlMesh};
+use crate::model::limit_surface::{LimitSurface, SurfaceParameter};
 use crate::topology::{self, Flip, flip_for_angles, flip_for_valence, split::closure};
 use glam::DVec2;
 
 /// Splits faces whose error, in tolerances, is above 1, worst first, to at most `most` control points; then flips edges.
 ///
-/// `errors`: `[faces]`. The samples' footpoints are taken along. Returns whether anything was split.
+/// `surface`: of `control`. `errors`: `[faces]`. The samples' footpoints are taken along. Returns whether anything was split.
 ///
 /// # Errors
 /// Where the mesh is no oriented manifold of triangles.
 pub(super) fn refine(
     control: &mut ControlMesh,
+    surface: &LimitSurface,
     errors: &[f64],
     most: usize,
     samples: &mut [Sample],
 ) -> Result<bool> {
-    let mesh = Connectivity::of(&control.mesh)?;
-    let marked = mark(&mesh, errors, most);
+    let marked = mark(surface.connectivity(), errors, most);
     if !marked.contains(&true) {
         return Ok(false);
     }
-    let subdivided = model::subdivide(control, Scheme::Loop)?.mesh.positions;
+    let subdivided = surface.refined(&control.mesh.positions);
     let mut split = topology::split(control, &marked, &subdivided)?;
     let mut flips = flip_for_valence(&mut split.control)?;
     flips.extend(flip_for_angles(&mut split.control)?);
     for sample in samples.iter_mut() {
         move_to(sample, split.locate(sample.at.face, parameters(sample)));
-        sample.is_settled = false;
     }
     follow(&flips, split.control.mesh.face_count(), samples);
     *control = split.control;
@@ -97,7 +96,7 @@ fn cut_edges(mesh: &Connectivity, marked: &[bool]) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::{PolygonMesh, shapes};
+    use crate::mesh::{PolygonMesh, Scheme, shapes};
     use glam::DVec3;
 
     #[test]
@@ -117,7 +116,8 @@ mod tests {
                     sample
                 })
                 .collect();
-            let split = refine(&mut control, &errors, most, &mut samples).unwrap();
+            let surface = LimitSurface::new(&control, Scheme::Loop).unwrap();
+            let split = refine(&mut control, &surface, &errors, most, &mut samples).unwrap();
             let count = control.mesh.positions.len();
             assert_eq!(split, most >= vertices + 3);
             assert!(count <= most && (count > vertices) == split);
@@ -133,7 +133,8 @@ mod tests {
         let mut ball = ControlMesh::from(PolygonMesh::from(shapes::sphere(1.0, 1)));
         let same = ball.clone();
         let errors = vec![1.0; ball.mesh.face_count()];
-        assert!(!refine(&mut ball, &errors, 10_000, &mut []).unwrap());
+        let surface = LimitSurface::new(&ball, Scheme::Loop).unwrap();
+        assert!(!refine(&mut ball, &surface, &errors, 10_000, &mut []).unwrap());
         assert_eq!(ball, same);
     }
 }

@@ -9,6 +9,7 @@ use super::interior::Interior;
 use crate::energy::{BernsteinBarrier, FLOOR};
 use crate::error::Result;
 use crate::kernel::sparse::Csr;
+use crate::optimize::vectors::add_to;
 use glam::{DMat3, DVec3};
 use std::collections::BTreeMap;
 
@@ -164,17 +165,15 @@ impl Watch {
         bounds
     }
 
-    /// The barrier and its gradient; infinite where a coefficient is not positive.
-    pub fn evaluate(&self, unknowns: &[DVec3]) -> (f64, Vec<DVec3>) {
+    /// The barrier, infinite where a coefficient is not positive; adds `weight` times its gradient, `[unknowns]`.
+    pub fn evaluate(&self, unknowns: &[DVec3], weight: f64, gradient: &mut [DVec3]) -> f64 {
         let mut value = 0.0;
-        let mut gradient = vec![DVec3::ZERO; unknowns.len()];
         for part in &self.parts {
             let (term, local) = part.barrier.evaluate(&part.gather.apply(unknowns));
             value += term;
-            let sum = part.scatter.apply(&local);
-            gradient.iter_mut().zip(&sum).for_each(|(g, s)| *g += *s);
+            add_to(gradient, &part.scatter.apply(&local), weight);
         }
-        (value, gradient)
+        value
     }
 
     /// What [`BernsteinBarrier::fold_slopes`] knows of the second derivatives, by each unknown alone. `[unknowns]`.

@@ -9,6 +9,9 @@ use crate::optimize::cholesky::{Cholesky, LowerTriangle};
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
+/// Nodes that one task takes at least.
+const PER_TASK: usize = 1 << 14;
+
 /// An approximate inverse of the Hessian.
 #[derive(Debug)]
 pub(super) enum Inverse {
@@ -53,7 +56,10 @@ impl Inverse {
     /// H⁻¹ g.
     pub fn apply(&self, gradient: &[DVec3]) -> Vec<DVec3> {
         match self {
-            Self::Blocks(blocks) => blocks.iter().zip(gradient).map(|(b, g)| *b * *g).collect(),
+            Self::Blocks(blocks) => {
+                let pairs = blocks.par_iter().zip(gradient).with_min_len(PER_TASK);
+                pairs.map(|(b, g)| *b * *g).collect()
+            }
             Self::Factor(factor) => {
                 let mut right: Vec<f64> = gradient.iter().flat_map(|g| g.to_array()).collect();
                 factor.solve(&mut right);

@@ -4,7 +4,7 @@ use super::VolumeOptions;
 use super::barrier::{Guard, Watch};
 use super::body::Body;
 use super::correspondence::Correspondences;
-use super::interior::Interior;
+use super::interior::{Distorted, Interior};
 use super::precondition::Inverse;
 use super::surface::{Gap, Surface};
 use super::target::{Enclosure, VolumeTarget};
@@ -14,6 +14,7 @@ use crate::fit::{Iteration, StopReason, Target, Terms};
 use crate::kernel::restricted_voronoi::Metric;
 use crate::kernel::sparse::Csr;
 use crate::kernel::vsdm::{MovingSide, Vsdm};
+use crate::optimize::vectors::{add_to, scale_by};
 use crate::optimize::{Curvature, Lbfgs, Stop};
 use crate::progress::{Event, Progress};
 use glam::{DMat3, DVec3};
@@ -344,22 +345,25 @@ impl<'a> Run<'a> {
         let end = settings.minimize_preconditioned(
             start,
             |p| {
-                let distorted = goal.interior.evaluate(p)?;
-                let (barrier, push) = watch.evaluate(p);
-                if !(distorted.value + barrier).is_finite() {
+                let Distorted {
+                    value,
+                    mut gradient,
+                } = goal.interior.evaluate(p)?;
+                scale_by(&mut gradient, goal.weight);
+                let barrier = watch.evaluate(p, of_barrier, &mut gradient);
+                if !(value + barrier).is_finite() {
                     return Ok::<_, Error>((f64::INFINITY, vec![DVec3::ZERO; p.len()]));
                 }
-                let ([forth, back], gradient) = surface(p)?;
+                let ([forth, back], of_surface) = surface(p)?;
+                add_to(&mut gradient, &of_surface, 1.0);
                 let terms = Terms {
                     target_to_surface: forth,
                     surface_to_target: back,
-                    distortion: goal.weight * distorted.value + of_barrier * barrier,
+                    distortion: goal.weight * value + of_barrier * barrier,
                     ..Terms::default()
                 };
                 last.set(terms);
-                let sum = gradient.iter().zip(&distorted.gradient).zip(&push);
-                let sum = sum.map(|((s, d), b)| *s + goal.weight * *d + of_barrier * *b);
-                Ok((forth + back + terms.distortion, sum.collect()))
+                Ok((forth + back + terms.distortion, gradient))
             },
             |it| {
                 self.iterations.push(Iteration {

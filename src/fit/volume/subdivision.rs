@@ -54,17 +54,17 @@ impl SubdivisionFit {
 /// Fits a subdivision volume of `levels` ≥ 1 levels to a closed target, from a control mesh in the unit frame with its creases and corners;
 /// `nearby` says that it lies on the target already. Order and basis of the options do not matter.
 ///
-/// ```no_run
+/// ```
 /// use vorofit::device::Device;
 /// use vorofit::fit::{Target, VolumeOptions, VolumeStart, VolumeTemplate, fit_subdivision};
 /// use vorofit::{mesh::shapes, progress::Silent};
 ///
 /// # fn main() -> vorofit::Result<()> {
-/// let target = Target::new(&Device::Cpu, &shapes::lobed_ball(6))?;
+/// let target = Target::new(&Device::Cpu, &shapes::lobed_ball(3))?;
 /// let start = VolumeStart::new(&target, &VolumeTemplate::Ball(1))?;
 /// let options = VolumeOptions::default();
-/// let fit = fit_subdivision(&Device::Cpu, &target, start.mesh.into(), false, 3, &options, &Silent)?;
-/// println!("{:?}", fit.levels);
+/// let fit = fit_subdivision(&Device::Cpu, &target, start.mesh.into(), false, 2, &options, &Silent)?;
+/// assert_eq!(fit.levels.len(), 2);
 /// # Ok(())
 /// # }
 /// ```

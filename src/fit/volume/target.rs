@@ -31,7 +31,7 @@ impl<'a> From<&'a PointTarget> for VolumeTarget<'a> {
 
 /// A cloud of points on a closed surface, in the unit frame.
 ///
-/// ```no_run
+/// ```
 /// use vorofit::device::Device;
 /// use vorofit::fit::{PointTarget, VolumeOptions, VolumeStart, VolumeTemplate, fit_volume};
 /// use vorofit::mesh::{PointCloud, shapes};
@@ -39,12 +39,13 @@ impl<'a> From<&'a PointTarget> for VolumeTarget<'a> {
 ///
 /// # fn main() -> vorofit::Result<()> {
 /// let cloud = PointCloud {
-///     positions: shapes::lobed_ball(5).positions,
+///     positions: shapes::lobed_ball(4).positions,
 ///     ..PointCloud::default()
 /// };
 /// let target = PointTarget::new(&cloud)?;
-/// let start = VolumeStart::new(&target, &VolumeTemplate::Ball(2))?;
+/// let start = VolumeStart::new(&target, &VolumeTemplate::Ball(1))?;
 /// let fit = fit_volume(&Device::Cpu, &target, start, &VolumeOptions::default(), &Silent)?;
+/// assert_eq!(fit.volume.cell_count(), 7);
 /// # Ok(())
 /// # }
 /// ```

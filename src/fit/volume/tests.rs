@@ -119,6 +119,11 @@ fn the_gradient_of_the_whole_energy_is_right() {
     }
 }
 
+/// The value of the barrier alone.
+fn barrier(watch: &Watch, x: &[DVec3]) -> f64 {
+    watch.evaluate(x, 1.0, &mut vec![DVec3::ZERO; x.len()])
+}
+
 #[test]
 fn the_barrier_bounds_determinants_and_has_the_right_gradient() {
     for order in [1, 2, 3] {
@@ -139,12 +144,13 @@ fn the_barrier_bounds_determinants_and_has_the_right_gradient() {
             assert!(bound > 0.0, "order {order}: {bounds:?}");
         }
         let direction = directions(x.len(), 2);
-        let (value, gradient) = watch.evaluate(x);
+        let mut gradient = vec![DVec3::ZERO; x.len()];
+        let value = watch.evaluate(x, 1.0, &mut gradient);
         assert!(value > 0.0);
         let slope = dot(&gradient, &direction);
         let errors = [2e-4, 1e-4].map(|step: f64| {
-            let ahead = watch.evaluate(&moved(x, &direction, step)).0;
-            let behind = watch.evaluate(&moved(x, &direction, -step)).0;
+            let ahead = barrier(&watch, &moved(x, &direction, step));
+            let behind = barrier(&watch, &moved(x, &direction, -step));
             ((ahead - behind) / (2.0 * step) - slope).abs()
         });
         assert!(
@@ -160,10 +166,10 @@ fn the_barrier_bounds_determinants_and_has_the_right_gradient() {
         }
         let mut flipped = x.clone();
         flipped.iter_mut().for_each(|c| c.z = -c.z);
-        assert!(watch.evaluate(&flipped).0.is_infinite());
+        assert!(barrier(&watch, &flipped).is_infinite());
         // The shares of the elements add up, and who is not watched is not bounded.
         let parts = [0, 1, 2].map(|c| Watch::new(&volume.clone().into(), &sizes, &[c]).unwrap());
-        let sum: f64 = parts.iter().map(|part| part.evaluate(x).0).sum();
+        let sum: f64 = parts.iter().map(|part| barrier(part, x)).sum();
         assert!((sum - value).abs() < 1e-12 * value, "order {order}");
         assert_eq!(parts[1].bounds(x)[..2], [f64::INFINITY, bounds[1]]);
     }
@@ -177,7 +183,7 @@ fn the_curvature_of_the_barrier_is_exact_where_coefficients_are_linear() {
     let x = &volume.coefficients;
     let watch = Watch::new(&volume.clone().into(), &[1.0; 2], &[0, 1]).unwrap();
     let thicker: Vec<DVec3> = x.iter().map(|p| DVec3::Z * p.z).collect();
-    let value = |step: f64| watch.evaluate(&moved(x, &thicker, step)).0;
+    let value = |step: f64| barrier(&watch, &moved(x, &thicker, step));
     let step = 1e-3;
     let second = (value(step) - 2.0 * value(0.0) + value(-step)) / (step * step);
     let blocks = watch.blocks(x);

@@ -100,6 +100,7 @@ impl Homogeneous {
 }
 
 /// The quartic box spline at (u, v) of the triangle (0,0), (1,0), (0,1).
+#[inline]
 pub fn box_spline(at: DVec2) -> Jets<12> {
     let w = [1.0 - at.x - at.y, at.x, at.y];
     let mut jets = [
@@ -132,6 +133,12 @@ pub fn box_spline(at: DVec2) -> Jets<12> {
     jets
 }
 
+/// Its values alone.
+pub fn box_spline_values(at: DVec2) -> [f64; 12] {
+    // Inlined, the derivatives are never computed.
+    box_spline(at).map(|jet| jet[0])
+}
+
 /// The four cubic B-splines that act on [0, 1], with their first and second derivatives.
 fn cubic(t: f64) -> [[f64; 4]; 3] {
     let s = 1.0 - t;
@@ -154,10 +161,16 @@ fn cubic(t: f64) -> [[f64; 4]; 3] {
 }
 
 /// The bicubic B-spline at (u, v) of the unit square; control point (i, j), at (i − 1, j − 1), is number i + 4 j.
+#[inline]
 pub fn bicubic(at: DVec2) -> Jets<16> {
     let (u, v) = (cubic(at.x), cubic(at.y));
     let orders = [(0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2)];
     std::array::from_fn(|k| orders.map(|(du, dv)| u[du][k % 4] * v[dv][k / 4]))
+}
+
+/// Its values alone.
+pub fn bicubic_values(at: DVec2) -> [f64; 16] {
+    bicubic(at).map(|jet| jet[0])
 }
 
 #[cfg(test)]

@@ -191,13 +191,11 @@ impl Irregular {
         let scaled = power_of_two(depth) * at;
         let (quarter, to_local) = quarter(self.split, scaled);
         let local = to_local.apply(scaled);
-        let basis = match self.split {
-            Split::Triangles => basis::box_spline(local).map(|jet| jet[0]).to_vec(),
-            Split::Quads => basis::bicubic(local).map(|jet| jet[0]).to_vec(),
+        let picking = self.picking(depth % LEVELS, quarter);
+        let mut weights = match self.split {
+            Split::Triangles => picked(picking, &basis::box_spline_values(local)),
+            Split::Quads => picked(picking, &basis::bicubic_values(local)),
         };
-        let mut weights: Vec<f64> = (self.picking(depth % LEVELS, quarter).chunks(basis.len()))
-            .map(|column| column.iter().zip(&basis).map(|(t, b)| t * b).sum())
-            .collect();
         for _ in 0..depth / LEVELS {
             weights = product(&weights, &self.jump, self.points);
         }
@@ -219,6 +217,12 @@ impl Irregular {
         let first = (3 * k as usize + quarter - 1) * size;
         &self.pickings[first..first + size]
     }
+}
+
+/// The weight of each point where regular control points, picked from them by columns, have these weights.
+fn picked<const N: usize>(picking: &[f64], values: &[f64; N]) -> Vec<f64> {
+    let dot = |column: &[f64; N]| column.iter().zip(values).map(|(t, b)| t * b).sum();
+    picking.as_chunks::<N>().0.iter().map(dot).collect()
 }
 
 /// 2ᵏ for a depth, which is below 1023.

@@ -164,6 +164,18 @@ impl LimitSurface {
         &self.connectivity
     }
 
+    /// The points of the control mesh refined once, in the order of [`subdivide`](super::subdivide).
+    pub fn refined(&self, control_points: &[DVec3]) -> Vec<DVec3> {
+        let mesh = &self.connectivity;
+        let faces = match self.split {
+            Split::Triangles => 0,
+            Split::Quads => mesh.face_count(),
+        };
+        let mut points = self.matrix.apply(control_points);
+        points.truncate(mesh.vertex_count() + mesh.edge_count() + faces);
+        points
+    }
+
     /// The surface for given control points.
     pub fn patches(&self, control_points: &[DVec3]) -> Patches<'_> {
         let empty = (DVec3::INFINITY, DVec3::NEG_INFINITY);
@@ -183,21 +195,37 @@ impl LimitSurface {
         let (quarter, to_local) = domain::quarter(self.split, DVec2::new(at.u, at.v));
         let local = to_local.apply(DVec2::new(at.u, at.v));
         let (indices, table) = self.quarter(4 * at.face as usize + quarter);
-        let weights = match (table, self.split) {
-            (Some(table), _) => table.weights(local),
-            (None, Split::Triangles) => basis::box_spline(local).map(|jet| jet[0]).to_vec(),
-            (None, Split::Quads) => basis::bicubic(local).map(|jet| jet[0]).to_vec(),
-        };
-        for (&point, weight) in indices.iter().zip(weights) {
-            for (control_point, share) in self.matrix.row(point as usize) {
-                // A dozen or two at most at ordinary valences: looking through them is faster than sorting all terms.
-                match out.iter_mut().find(|entry| entry.0 == control_point) {
-                    Some(entry) => entry.1 += weight * share,
-                    None => out.push((control_point, weight * share)),
+        match (table, self.split) {
+            (Some(table), _) => self.combine(indices, &table.weights(local), out),
+            (None, Split::Triangles) => {
+                self.combine(indices, &basis::box_spline_values(local), out)
+            }
+            (None, Split::Quads) => self.combine(indices, &basis::bicubic_values(local), out),
+        }
+        out.sort_unstable_by_key(|entry| entry.0);
+    }
+
+    /// Appends the control points that rows of the matrix, by number and with weights, are a combination of.
+    fn combine(&self, rows: &[u32], weights: &[f64], out: &mut Vec<(u32, f64)>) {
+        // Where a control point probably stands, by its last digits: without, most of the time goes into looking.
+        let mut places = [0u8; 128];
+        for (&row, weight) in rows.iter().zip(weights) {
+            for (control_point, share) in self.matrix.row(row as usize) {
+                let value = weight * share;
+                let place = &mut places[control_point as usize % 128];
+                match out.get_mut(*place as usize) {
+                    Some(entry) if entry.0 == control_point => entry.1 += value,
+                    _ => {
+                        let known = out.iter().position(|entry| entry.0 == control_point);
+                        match known {
+                            Some(k) => out[k].1 += value,
+                            None => out.push((control_point, value)),
+                        }
+                        *place = known.unwrap_or(out.len() - 1) as u8;
+                    }
                 }
             }
         }
-        out.sort_unstable_by_key(|entry| entry.0);
     }
 
     /// Where a parameter, and a direction there, are in the face across edge `edge` (from corner `edge` to the next), with both faces laid out flat as

@@ -54,6 +54,17 @@ pub enum Range {
     Face,
 }
 
+/// Where the method has come to.
+struct State {
+    at: SurfaceParameter,
+    jet: LimitJet,
+    /// The squared distance from the query.
+    squared: f64,
+    status: Status,
+    /// The step that is shorter than the tolerance, not taken; zero if it has not come so far.
+    last_step: DVec2,
+}
+
 impl Patches<'_> {
     /// The point of the surface that Newton's method finds nearest to `query` from `start`: a local minimum of the distance if it converges. `tolerance`: how far from it
     /// the result may be, in space.
@@ -68,42 +79,25 @@ impl Patches<'_> {
             patches: self,
             range,
         };
-        let local = query - self.origin;
-        let mut at = start;
-        let mut jet = self.local(at);
-        let mut squared = (jet.position - local).length_squared();
-        let mut status = Status::NotConverged;
-        for _ in 0..STEPS {
-            let (mut step, is_held) = walker.step(at, &jet, jet.position - local);
-            if (step.x * jet.du + step.y * jet.dv).length() <= tolerance {
-                status = match is_held && range == Range::Surface {
-                    true => Status::LeftSurface,
-                    false => Status::Converged,
-                };
-                break;
-            }
-            let most = squared * (1.0 + ROUNDING[0])
-                + ROUNDING[1] * tolerance * (squared.sqrt() + tolerance);
-            let mut nearer = None;
-            for _ in 0..HALVINGS {
-                let next = walker.walk(at, step);
-                let next_jet = self.local(next);
-                let next_squared = (next_jet.position - local).length_squared();
-                if next_squared <= most {
-                    nearer = Some((next, next_jet, next_squared));
-                    break;
-                }
-                step *= 0.5;
-            }
-            let Some(found) = nearer else { break };
-            (at, jet, squared) = found;
-        }
+        let end = walker.descend(query - self.origin, start, tolerance);
         SurfacePoint {
-            parameter: at,
-            position: jet.position + self.origin,
-            distance: squared.sqrt(),
-            status,
+            parameter: end.at,
+            position: end.jet.position + self.origin,
+            distance: end.squared.sqrt(),
+            status: end.status,
         }
+    }
+
+    /// About where [`descend`](Self::descend) ends over the whole surface, for about half the evaluations: of Newton's steps the first that is shorter than
+    /// `near`, in space, is the last, and is taken on trust. That leaves an error that is smaller by as much again as `near` is smaller than the
+    /// surface's radii of curvature.
+    pub fn approach(&self, query: DVec3, start: SurfaceParameter, near: f64) -> SurfaceParameter {
+        let walker = Walker {
+            patches: self,
+            range: Range::Surface,
+        };
+        let end = walker.descend(query - self.origin, start, near);
+        walker.walk(end.at, end.last_step)
     }
 }
 
@@ -113,6 +107,43 @@ struct Walker<'a> {
 }
 
 impl Walker<'_> {
+    /// `query`: relative to the origin of the patches.
+    fn descend(&self, query: DVec3, start: SurfaceParameter, tolerance: f64) -> State {
+        let jet = self.patches.local(start);
+        let mut state = State {
+            at: start,
+            jet,
+            squared: (jet.position - query).length_squared(),
+            status: Status::NotConverged,
+            last_step: DVec2::ZERO,
+        };
+        for _ in 0..STEPS {
+            let State {
+                at, jet, squared, ..
+            } = state;
+            let (step, is_held) = self.step(at, &jet, jet.position - query);
+            if (step.x * jet.du + step.y * jet.dv).length() <= tolerance {
+                state.last_step = step;
+                state.status = match is_held && self.range == Range::Surface {
+                    true => Status::LeftSurface,
+                    false => Status::Converged,
+                };
+                break;
+            }
+            let most = squared * (1.0 + ROUNDING[0])
+                + ROUNDING[1] * tolerance * (squared.sqrt() + tolerance);
+            let nearer = (0..HALVINGS as i32).find_map(|halvings| {
+                let at = self.walk(at, step * 0.5f64.powi(halvings));
+                let jet = self.patches.local(at);
+                let squared = (jet.position - query).length_squared();
+                (squared <= most).then_some((at, jet, squared))
+            });
+            let Some(found) = nearer else { break };
+            (state.at, state.jet, state.squared) = found;
+        }
+        state
+    }
+
     /// The step from a parameter, with `r` from the query to the surface; and whether an edge that cannot be crossed keeps it back.
     fn step(&self, at: SurfaceParameter, jet: &LimitJet, r: DVec3) -> (DVec2, bool) {
         let gradient = DVec2::new(r.dot(jet.du), r.dot(jet.dv));

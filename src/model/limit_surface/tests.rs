@@ -352,6 +352,16 @@ fn weights_sum_to_one_and_make_the_position() {
 }
 
 #[test]
+fn refined_points_are_those_of_subdivision() {
+    for (name, mesh, scheme) in all_meshes() {
+        let surface = LimitSurface::new(&mesh, scheme).unwrap();
+        let subdivided = crate::model::subdivide(&mesh, scheme).unwrap().mesh;
+        let refined = surface.refined(&mesh.mesh.positions);
+        assert_eq!(refined, subdivided.positions, "{name}");
+    }
+}
+
+#[test]
 fn the_surface_moves_with_its_control_points() {
     let mesh = trapezohedron(7);
     let surface = LimitSurface::new(&mesh, Scheme::CatmullClark).unwrap();

@@ -10,13 +10,16 @@ mod tables;
 mod template;
 mod thin;
 
+use super::feature_layers::{FeatureLayer, point_layers, ridge_layers};
 use super::{Report, count};
+use crate::device::Device;
 use crate::error::{Error, Result};
+use crate::features::{self, Features};
 use crate::files::{check_place, write_whole};
 use crate::measure;
 use crate::mesh::{PolygonMesh, TriangleMesh};
 use crate::picture::{Axis, Legend, Paint, Picture, Scale, Scene, Shape, Strokes, View, color};
-use crate::topology::Holes;
+use crate::topology;
 use base64::Engine;
 use base64::prelude::BASE64_STANDARD;
 use chart::{Weighted, quantile};
@@ -36,7 +39,10 @@ const SCRIPT: &str = include_str!("view.js");
 
 /// The pictures: file and caption.
 const PICTURES: [(&str, &str); 3] = [
-    ("target.png", "The scan"),
+    (
+        "target.png",
+        "The scan; where it has faces, with its ridges by colour, its umbilics and crossings",
+    ),
     ("cage.png", "The control cage"),
     (
         "surface.png",
@@ -64,8 +70,8 @@ pub struct Subject<'a> {
     pub surface: &'a PolygonMesh,
     /// `[surface vertices]`: from the target, if it has triangles.
     pub distances: Option<&'a [f64]>,
-    /// Which holes of the target the surface is to close.
-    pub holes: Holes,
+    /// `[surface vertices]`: whether they are over the target rather than over its holes; of any length where there are no distances.
+    pub covered: &'a [bool],
     /// What is upwards in the pictures.
     pub up: Axis,
 }
@@ -123,16 +129,18 @@ fn is_ours(page: &Path) -> bool {
 }
 
 impl Page {
-    /// Measures what is left to measure, draws the pictures and packs the geometry.
+    /// Measures what is left to measure, finds the features of the target, draws the pictures and packs the geometry.
     ///
     /// # Errors
-    /// Where the target or the surface has no extent.
-    pub fn new(subject: &Subject<'_>) -> Result<Self> {
+    /// Where the target or the surface has no extent, or the device fails.
+    pub fn new(device: &Device, subject: &Subject<'_>) -> Result<Self> {
         let surface = subject.surface.triangulate();
-        let coloring = Coloring::new(subject, &surface)?;
+        let features = feature_layers(device, subject.target)?;
+        let coloring = Coloring::new(subject, &surface);
         let values = coloring.as_ref().map(|c| c.values.as_slice());
         let parts = scene::Parts {
             target: subject.target,
+            features: &features,
             cage: subject.cage,
             surface: &surface,
             values,
@@ -149,7 +157,7 @@ impl Page {
         let points = subject.cage.positions.len();
         Ok(Self {
             title: format!("{} from {} control points", subject.name, count(points)),
-            pictures: pictures(subject, &surface, coloring.as_ref())?,
+            pictures: pictures(subject, features, &surface, coloring.as_ref())?,
             scene,
             legend: legend.map_or(String::new(), |(legend, holes)| {
                 tables::legend(legend, holes)
@@ -217,19 +225,17 @@ struct Coloring {
 
 impl Coloring {
     /// None for a target of points, which a surface has no distance from in between.
-    fn new(subject: &Subject<'_>, surface: &TriangleMesh) -> Result<Option<Self>> {
-        let Some(distances) = subject.distances else {
-            return Ok(None);
-        };
-        let covered = measure::covered(subject.target, &surface.positions, subject.holes)?;
+    fn new(subject: &Subject<'_>, surface: &TriangleMesh) -> Option<Self> {
+        let distances = subject.distances?;
+        let covered = subject.covered;
         let known: Weighted = weighted(surface, distances)
             .into_iter()
-            .zip(&covered)
+            .zip(covered)
             .filter_map(|(pair, covered)| covered.then_some(pair))
             .collect();
         let scale = Scale::up_to(quantile(&known, COLORED));
-        let shares = distances.iter().zip(&covered);
-        Ok(Some(Self {
+        let shares = distances.iter().zip(covered);
+        Some(Self {
             values: shares
                 .map(|(distance, covered)| match covered {
                     true => 100.0 * distance / scale.top,
@@ -241,7 +247,7 @@ impl Coloring {
                 exceeded: known.iter().any(|(percent, _)| *percent > scale.top),
                 scale,
             },
-        }))
+        })
     }
 
     fn has_unknown(&self) -> bool {
@@ -281,8 +287,21 @@ fn histogram(
     Ok(chart::histogram(&series))
 }
 
+/// The features of a target with faces; of one that is shown with less detail, those of what is shown.
+fn feature_layers(device: &Device, target: &TriangleMesh) -> Result<Vec<FeatureLayer>> {
+    let (mesh, _) = thin::thinned(target, scene::LIMIT);
+    let mesh = topology::oriented(&topology::cleaned(&mesh));
+    if mesh.triangles.is_empty() {
+        return Ok(Vec::new());
+    }
+    let features = Features::find(device, &mesh, features::Scale::Automatic)?;
+    let layers = ridge_layers(&features).into_iter();
+    Ok(layers.chain(point_layers(&features)).collect())
+}
+
 fn pictures(
     subject: &Subject<'_>,
+    features: Vec<FeatureLayer>,
     surface: &TriangleMesh,
     coloring: Option<&Coloring>,
 ) -> Result<[Vec<u8>; 3]> {
@@ -298,6 +317,8 @@ fn pictures(
         }),
         false => scan.surfaces.push((&target, Paint::Plain(color::TARGET))),
     }
+    let lines = features.into_iter().flat_map(|layer| layer.strokes);
+    scan.strokes.extend(lines);
     let faces = Shape::faceted(subject.cage);
     let cage = Scene {
         surfaces: vec![(&faces, Paint::Plain(color::CAGE))],

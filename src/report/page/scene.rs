@@ -1,12 +1,13 @@
 //! The geometry of a page: quantized, as base64 in JSON.
 //!
 //! All layers share a cube whose side is the longest of their common box. A vertex is six u16, little endian: x, y, z, (1 + value) / 2, and the normal
-//! folded onto an octahedron (two). Triangles and edges are u32.
+//! folded onto an octahedron (two). Triangles and edges are u32. Lines of features are pairs of ends, each four u16: x, y, z and nothing.
 
 use super::thin::thinned;
 use crate::mesh::{PolygonMesh, TriangleMesh};
 use crate::picture::color::{self, Rgb};
-use crate::picture::{Axis, Shape, edges};
+use crate::picture::{Axis, Shape, Strokes, edges};
+use crate::report::feature_layers::FeatureLayer;
 use base64::Engine;
 use base64::prelude::BASE64_STANDARD;
 use glam::DVec3;
@@ -26,6 +27,22 @@ pub(super) struct Scene {
     colors: String,
     unknown: Rgb,
     layers: Layers,
+    features: Vec<Sort>,
+}
+
+/// Features of one sort.
+#[derive(Serialize)]
+struct Sort {
+    name: &'static str,
+    color: Rgb,
+    lines: Vec<Lines>,
+}
+
+#[derive(Serialize)]
+struct Lines {
+    /// In pixels.
+    width: f64,
+    ends: String,
 }
 
 #[derive(Serialize)]
@@ -50,9 +67,10 @@ struct Layer {
     valued: bool,
 }
 
-/// The three layers of a page.
+/// The layers of a page.
 pub(super) struct Parts<'a> {
     pub target: &'a TriangleMesh,
+    pub features: &'a [FeatureLayer],
     pub cage: &'a PolygonMesh,
     pub surface: &'a TriangleMesh,
     /// `[surface vertices]`: shares of the colour map, negative where unknown.
@@ -92,6 +110,7 @@ impl Scene {
                 cage: cube.cage(parts.cage),
                 surface: cube.layer(&Shape::smooth(&surface), values.as_deref(), color::CAGE),
             },
+            features: parts.features.iter().map(|sort| cube.sort(sort)).collect(),
         }
     }
 }
@@ -161,6 +180,26 @@ impl Cube {
         }
     }
 
+    fn sort(&self, sort: &FeatureLayer) -> Sort {
+        let words = |p: &DVec3| {
+            let [x, y, z] = ((*p - self.low) / self.side).to_array().map(quantized);
+            [x, y, z, 0]
+        };
+        let lines = |strokes: &Strokes| Lines {
+            width: strokes.width,
+            ends: encoded(
+                (strokes.segments.as_flattened().iter())
+                    .flat_map(words)
+                    .flat_map(u16::to_le_bytes),
+            ),
+        };
+        Sort {
+            name: sort.name,
+            color: sort.color,
+            lines: sort.strokes.iter().map(lines).collect(),
+        }
+    }
+
     fn cage(&self, mesh: &PolygonMesh) -> Layer {
         let shape = Shape::faceted(mesh);
         // Every face has vertices of its own: an edge takes any of those that stand for its ends.
@@ -226,6 +265,7 @@ mod tests {
         let point = PolygonMesh::from_faces(vec![DVec3::ONE; 3], [[0, 1, 2]]);
         let parts = Parts {
             target: &TriangleMesh::default(),
+            features: &[],
             cage: &point,
             surface: &point.triangulate(),
             values: Some(&[-1.0, 0.0, 1.0]),

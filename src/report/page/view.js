@@ -15,6 +15,8 @@
   // Bytes of a vertex: position, value and octahedral normal, 16 bits each.
   const STRIDE = 12;
   const LINE_WIDTH = 1.3;
+  // Of an edge of the cage, by whether something is in front of it.
+  const FAINT = 0.05, CLEAR = 0.5;
   const POINT_SIZE = 2;
 
   const PROJECTION = `#version 300 es
@@ -95,8 +97,10 @@
       along = along == vec2(0.0) ? vec2(1.0, 0.0) : normalize(along);
       vec4 end = (gl_VertexID & 1) == 0 ? from : to;
       float side = gl_VertexID < 2 ? -1.0 : 1.0;
+      // Beyond its ends by as much as it is wide, so that bends have no gaps and what has no length is a square.
+      vec2 beyond = 0.5 * u_width * ((gl_VertexID & 1) == 0 ? -1.0 : 1.0) * along * u_pixel;
       vec2 aside = 0.5 * u_width * side * vec2(-along.y, along.x) * u_pixel;
-      gl_Position = vec4(end.xy + aside * end.w, end.z - 0.004 * end.w, end.w);
+      gl_Position = vec4(end.xy + (beyond + aside) * end.w, end.z - 0.004 * end.w, end.w);
     }`,
     `#version 300 es
     precision highp float;
@@ -105,6 +109,11 @@
     void main() { o_color = u_color; }`);
 
   const layers = Object.fromEntries(Object.entries(scene.layers).map(([name, layer]) => [name, upload(layer)]));
+  const features = scene.features.map((sort) => ({
+    box: offer(sort),
+    color: sort.color.map((byte) => byte / 255),
+    lines: sort.lines.map(({ width, ends }) => ({ width, ...uploadEnds(bytes(ends)) })),
+  }));
   const map = colorMap(scene.colors);
   const radius = 0.5 * Math.hypot(...scene.extent);
   const center = scene.extent.map((x) => 0.5 * x);
@@ -113,6 +122,7 @@
 
   at("pictures").hidden = true;
   for (const id of ["canvas", "tools", "hint"]) at(id).hidden = false;
+  at("with-features").hidden = features.length === 0;
   document.querySelector(`[name=up][value=${scene.up}]`).checked = true;
   reset();
   listen();
@@ -169,6 +179,10 @@
     corners.forEach((vertex, k) => {
       for (let i = 0; i < 3; i++) ends[4 * k + i] = words[vertex * STRIDE / 2 + i];
     });
+    return uploadEnds(ends);
+  }
+
+  function uploadEnds(ends) {
     const array = gl.createVertexArray();
     gl.bindVertexArray(array);
     buffer(gl.ARRAY_BUFFER, ends);
@@ -177,7 +191,18 @@
       gl.vertexAttribPointer(location, 3, gl.UNSIGNED_SHORT, true, 16, 8 * location);
       gl.vertexAttribDivisor(location, 1);
     }
-    return { array, count: corners.length / 2 };
+    gl.bindVertexArray(null);
+    return { array, count: ends.byteLength / 16 };
+  }
+
+  // A box to tick for a sort of features.
+  function offer({ name, color }) {
+    const [label, box, sample] = ["label", "input", "i"].map((tag) => document.createElement(tag));
+    Object.assign(box, { type: "checkbox", checked: true });
+    sample.style.background = `rgb(${color})`;
+    label.append(box, sample, ` ${name}`);
+    at("features").append(label);
+    return box;
   }
 
   function colorMap(base64) {
@@ -286,11 +311,20 @@
       else gl.drawArrays(gl.POINTS, 0, layer.vertex_count);
       triangles += layer.triangles;
     }
-    if (shown("cage")) drawLines(layers.cage.lines, place, ratio);
+    if (shown("cage")) drawLines({ width: LINE_WIDTH, ...layers.cage.lines }, styled("color"), [FAINT, CLEAR], place, ratio);
+    let lineCount = 0;
+    at("features").hidden = !shown("features");
+    for (const { color, lines } of features.filter(({ box }) => shown("features") && box.checked)) {
+      for (const some of lines) {
+        drawLines(some, color, [0, 1], place, ratio);
+        lineCount += some.count;
+      }
+    }
     gl.bindVertexArray(null);
     const legend = at("legend");
     if (legend) legend.hidden = !shown("surface");
     canvas.dataset.triangles = triangles;
+    canvas.dataset.features = lineCount;
   }
 
   function use({ made, uniform }, place) {
@@ -302,20 +336,19 @@
     gl.uniform2f(uniform("u_offset"), (2 * place.x) / place.width, (2 * place.y) / place.height);
   }
 
-  // What is hidden shows through faintly.
-  function drawLines({ array, count }, place, ratio) {
+  // `alphas`: of what is hidden and of what is not.
+  function drawLines({ array, count, width }, color, alphas, place, ratio) {
     use(lines, place);
     const { uniform } = lines;
-    const ink = styled("color");
     gl.uniform2f(uniform("u_pixel"), 2 / canvas.width, 2 / canvas.height);
-    gl.uniform1f(uniform("u_width"), LINE_WIDTH * ratio);
+    gl.uniform1f(uniform("u_width"), width * ratio);
     gl.bindVertexArray(array);
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
     gl.depthMask(false);
-    for (const [compare, alpha] of [[gl.GREATER, 0.05], [gl.LEQUAL, 0.5]]) {
+    for (const [k, compare] of [gl.GREATER, gl.LEQUAL].entries()) {
       gl.depthFunc(compare);
-      gl.uniform4f(uniform("u_color"), ...ink, alpha);
+      gl.uniform4f(uniform("u_color"), ...color, alphas[k]);
       gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, count);
     }
     gl.depthMask(true);

@@ -2,7 +2,6 @@
 
 use super::skin::Subject;
 use crate::error::Result;
-use crate::measure::share_facing_away;
 use crate::mesh::{Connectivity, PolygonMesh};
 use glam::DVec3;
 
@@ -114,7 +113,18 @@ fn folds(mesh: &PolygonMesh, subject: &Subject) -> f64 {
         .faces()
         .flat_map(|f| (0..f.len()).map(move |k| corners(f, k)))
         .collect();
-    share_facing_away(&triangles, subject.mesh, &subject.tree, |_| true)
+    let centers: Vec<DVec3> = (triangles.iter())
+        .map(|t| t.iter().sum::<DVec3>() / 3.0)
+        .collect();
+    let (mut away, mut all) = (0.0, 0.0);
+    for ([a, b, c], closest) in triangles.iter().zip(subject.tree.closest_all(&centers)) {
+        let area_vector = (b - a).cross(c - a);
+        all += area_vector.length();
+        if area_vector.dot(subject.mesh.area_vector(closest.triangle as usize)) < 0.0 {
+            away += area_vector.length();
+        }
+    }
+    if all > 0.0 { away / all } else { 1.0 }
 }
 
 /// The standard deviation of the edges' lengths over their mean.

@@ -6,6 +6,7 @@
 use crate::mesh::Connectivity;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
+use std::ops::Range;
 
 /// Not reached by any fire.
 pub(super) const NONE: u32 = u32::MAX;
@@ -55,23 +56,61 @@ impl Fire {
         self.sites.push(vertex);
         self.distances[vertex as usize] = 0.0;
         self.labels[vertex as usize] = site;
-        let mut front = BinaryHeap::from([Reverse((0, vertex))]);
+        self.burn(BinaryHeap::from([Reverse((0, vertex))]));
+    }
+
+    /// Takes sites away by their labels; what was theirs goes to the nearest of the others, which are numbered anew in their order.
+    pub fn put_out(&mut self, labels: &[u32]) {
+        let mut numbers = vec![0; self.sites.len()];
+        for &label in labels {
+            numbers[label as usize] = NONE;
+        }
+        let mut next = 0..;
+        for number in numbers.iter_mut().filter(|number| **number != NONE) {
+            *number = next.next().unwrap_or(NONE);
+        }
+        let mut all = 0..self.sites.len();
+        self.sites
+            .retain(|_| all.next().is_some_and(|k| numbers[k] != NONE));
+        for (label, distance) in self.labels.iter_mut().zip(&mut self.distances) {
+            *label = numbers.get(*label as usize).copied().unwrap_or(NONE);
+            if *label == NONE {
+                *distance = f64::INFINITY;
+            }
+        }
+        let burns = |v: u32| self.labels[v as usize] != NONE;
+        let is_at_the_front = |v: &u32| burns(*v) && self.ways(*v).iter().any(|way| !burns(way.0));
+        let entry = |v: u32| Reverse((self.distances[v as usize].to_bits(), v));
+        let vertices = 0..self.labels.len() as u32;
+        let front: BinaryHeap<_> = vertices.filter(is_at_the_front).map(entry).collect();
+        self.burn(front);
+    }
+
+    /// Burns on from vertices whose label and distance are known: the bits of floats that are not negative sort as they do.
+    fn burn(&mut self, mut front: BinaryHeap<Reverse<(u64, u32)>>) {
         while let Some(Reverse((bits, v))) = front.pop() {
-            let here = self.distances[v as usize];
-            // The bits of floats that are not negative sort as they do.
+            let (here, label) = (self.distances[v as usize], self.labels[v as usize]);
             if here.to_bits() != bits {
                 continue;
             }
-            let range = self.offsets[v as usize] as usize..self.offsets[v as usize + 1] as usize;
-            for &(u, length) in &self.ways[range] {
+            for k in self.range(v) {
+                let (u, length) = self.ways[k];
                 let there = here + length;
                 if there < self.distances[u as usize] {
                     self.distances[u as usize] = there;
-                    self.labels[u as usize] = site;
+                    self.labels[u as usize] = label;
                     front.push(Reverse((there.to_bits(), u)));
                 }
             }
         }
+    }
+
+    fn range(&self, v: u32) -> Range<usize> {
+        self.offsets[v as usize] as usize..self.offsets[v as usize + 1] as usize
+    }
+
+    fn ways(&self, v: u32) -> &[(u32, f64)] {
+        &self.ways[self.range(v)]
     }
 
     /// Lights the vertex farthest from all sites, again and again until there are `count` sites or every vertex is one. What no fire has
@@ -166,6 +205,27 @@ mod tests {
                 assert_eq!((here, fire.labels[v as usize]), (nearest, label));
             }
         }
+    }
+
+    #[test]
+    fn what_is_put_out_is_as_if_it_had_never_burnt() {
+        let (surface, positions) = ball();
+        let lit = |sites: &mut dyn Iterator<Item = u32>| {
+            let mut fire = fire(&surface, &positions);
+            sites.for_each(|k| fire.light(k * 61));
+            fire
+        };
+        let mut found = lit(&mut (0..40));
+        found.put_out(&[]);
+        found.put_out(&[17, 0, 3, 4]);
+        let expected = lit(&mut (0..40).filter(|k| ![17, 0, 3, 4].contains(k)));
+        assert_eq!(found.sites, expected.sites);
+        assert_eq!(found.distances, expected.distances);
+        let labels = || found.labels.iter().zip(&expected.labels);
+        let same = labels().filter(|(a, b)| a == b).count();
+        assert!(100 * same > 98 * found.labels.len(), "but for ties: {same}");
+        found.put_out(&(0..36).collect::<Vec<_>>());
+        assert!(found.sites.is_empty() && found.labels.iter().all(|&label| label == NONE));
     }
 
     #[test]

@@ -17,6 +17,9 @@ const MOST_CELLS: usize = 100_000;
 /// Where every candidate for the last site would ask for more to be mended, so many are tried.
 const MOST_SKIPPED: usize = 8;
 
+/// The stage of a run in which a network is made.
+pub(super) const NETWORK: &str = "choosing control points";
+
 /// A surface, and the network that cells on it make.
 pub(super) struct Ground {
     /// `[vertices]`.

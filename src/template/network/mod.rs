@@ -5,10 +5,11 @@
 //! are added until that makes a manifold with the target's genus and boundaries: the paper takes it for one.
 //!
 //! **Practice.** [`ridges`] takes the paper's sites, features of the surface. [`adaptive`] spreads sites in a metric that follows curvature and then sets them where the
-//! surface through them is off: at equal numbers, the better network but on parts with real edges.
+//! surface through them is off, in exchange for those that are missed least: at equal numbers, the better network but on parts with real edges.
 
 mod adaptive;
 mod dual;
+mod errors;
 mod fire;
 mod ground;
 mod ridges;

@@ -1,11 +1,12 @@
 //! Sites on features: crossings of ridges and umbilics, so that edges of the network run along what a designer would draw \[MKJK15\].
 
 use super::fire::Fire;
-use super::ground::{Ground, manifold};
+use super::ground::{Ground, NETWORK, manifold};
 use crate::device::Device;
 use crate::error::Result;
 use crate::features::{Features, Monge, Scale, Site};
 use crate::mesh::{ControlMesh, TriangleMesh};
+use crate::progress::{Event, Progress};
 use crate::topology::flip_for_colors;
 use glam::DVec3;
 use std::collections::HashMap;
@@ -24,7 +25,7 @@ const LEAST_COSINE: f64 = 0.5;
 /// them.
 ///
 /// Cells are made by the lengths of arcs from the curvatures at their ends. With `flips`, edges are then laid along ridges of one colour: that follows features, and
-/// in most cases makes the error larger.
+/// in most cases makes the error larger. Interrupted, the network is one of the points chosen so far.
 ///
 /// # Errors
 /// Where the target has no area, or the device fails.
@@ -33,7 +34,12 @@ pub fn ridges(
     target: &TriangleMesh,
     control_points: usize,
     flips: bool,
+    progress: &dyn Progress,
 ) -> Result<ControlMesh> {
+    progress.event(Event::Stage {
+        name: NETWORK,
+        steps: control_points,
+    });
     let mesh = manifold(target)?;
     let features = Features::find(device, &mesh, Scale::default())?;
     let sites = features
@@ -50,6 +56,13 @@ pub fn ridges(
     for _ in 0..ROUNDS {
         let missing = control_points.saturating_sub(fire.sites.len());
         fire = ground.grow(&fire, &candidates, 0.0, missing, control_points);
+        progress.event(Event::Step {
+            done: fire.sites.len(),
+            value: None,
+        });
+        if progress.interrupted() {
+            break;
+        }
     }
     // Not mended yet only where the topology alone asks for more.
     ground.mend(&mut fire);

@@ -3,14 +3,14 @@
 //! **Pipeline.** A fine surface around the target says what is inside, and how many handles there are ([`auto::body`]). Grids of cubes are carved to it ([`super::carve`]): along the
 //! coordinate axes and along the principal ones, with the middle of the box at the middle of a cube or between two, in several sizes, with cubes that are inside by half or by less.
 //! Of those with the right Euler characteristic and number of elements some that fill the target best, and lose no thin part of it, are pillowed ([`super::pillow`]), and drawn onto the target while all hexahedra
-//! are made as good as they can be ([`super::relax`]); half of them with an eighth of the elements, each cut into eight afterwards: that has the fewer irregular edges. What has the best
+//! are made as good as they can be ([`untangle`]); half of them with an eighth of the elements, each cut into eight afterwards: that has the fewer irregular edges. What has the best
 //! angles then is taken.
 //!
 //! **Handles.** The Euler characteristic of the boundary is that of the fine surface, or the grid is not used: V − E + F is counted on each. Where no grid of the number asked for has it,
 //! more elements are taken, with a warning. Handles less than 3.5 % of the diagonal around are closed before.
 //!
-//! **Measured**, 497 to 523 elements: least and mean scaled Jacobian of the straight-edged cells 0.56 / 0.87 on a bone, 0.35 / 0.86 on a bunny, 0.44 / 0.80 on a double torus, 0.26 / 0.77 on a
-//! solid of genus 3; 3 to 5 s of one core. With twelve sizes to either side there are some 130 grids to choose from on solids without handles, 5 on that of genus 3.
+//! **Measured**, 411 to 480 elements: least and mean scaled Jacobian of the straight-edged cells 0.50 / 0.83 on a bone, 0.30 / 0.83 on a bunny, 0.46 / 0.79 on a double torus, 0.27 / 0.75 on a
+//! solid of genus 3; 6 to 10 s of one core. With twelve sizes to either side there are some 130 grids to choose from on solids without handles, 5 on that of genus 3.
 
 use super::super::auto;
 use super::super::torus::area_covariance;
@@ -18,13 +18,14 @@ use super::super::voxels::Grid;
 use super::carve::{carved, shares_inside};
 use super::pillow::pillowed;
 use super::refine::refined;
-use super::relax::{EDGES, Relaxation};
 use super::{boundary, checked, grid};
 use crate::error::{Error, Result};
 use crate::geometry::winding::WindingNumbers;
 use crate::geometry::{Bvh, eigen};
 use crate::mesh::sample::sample_by_area;
 use crate::mesh::{Connectivity, PolygonMesh, TriangleMesh, VolumeMesh};
+use crate::progress::Silent;
+use crate::untangle::{Boundary, Ideals, untangle};
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 use std::collections::HashSet;
@@ -81,6 +82,15 @@ const ATTEMPTS: usize = 6;
 /// The target may have holes, overlaps, several components (the largest is taken) and bad triangles, but should face outwards
 /// ([`crate::topology::oriented`]). A few seconds.
 ///
+/// ```
+/// use vorofit::mesh::shapes;
+/// use vorofit::template::volume::automatic;
+///
+/// let template = automatic(&shapes::lobed_ball(4), 100)?;
+/// assert!((90..=110).contains(&template.cell_count()));
+/// # Ok::<(), vorofit::Error>(())
+/// ```
+///
 /// # Errors
 /// Where the target has no triangles, or encloses nothing, as a soup does; where no number of elements gives its handles; where `elements` is 0 or more than
 /// [`MOST_ELEMENTS`].
@@ -118,7 +128,6 @@ pub fn automatic(target: &TriangleMesh, elements: usize) -> Result<VolumeMesh> {
 /// A target, and what is inside of it.
 struct Body<'a> {
     target: &'a TriangleMesh,
-    tree: Bvh,
     samples: Vec<DVec3>,
     /// A closed manifold near the target.
     skin: TriangleMesh,
@@ -168,7 +177,6 @@ impl<'a> Body<'a> {
             samples: samples
                 .map(|s| s.position(target.corners(s.triangle as usize)))
                 .collect(),
-            tree: Bvh::new(&target.positions, &target.triangles)?,
             winding: WindingNumbers::of(&skin),
             euler: Connectivity::of(&surface)?.euler_characteristic(),
             area: skin.area(),
@@ -329,8 +337,8 @@ impl<'a> Body<'a> {
     }
 
     fn relax(&self, mesh: &mut VolumeMesh, size: f64) -> Result<()> {
-        let relaxation = Relaxation::new(mesh, size, self.target, &self.tree);
-        mesh.positions = relaxation.run(std::mem::take(&mut mesh.positions))?;
+        let ideals = Ideals::regular(mesh, |_| size);
+        *mesh = untangle(mesh, &ideals, Boundary::Drawn(self.target), &Silent)?.mesh;
         Ok(())
     }
 }
@@ -375,10 +383,10 @@ impl Cubes {
 /// The least and the mean scaled Jacobian at the corners; none where one is not positive.
 fn quality(mesh: &VolumeMesh) -> Option<(f64, f64)> {
     let (mut least, mut sum) = (f64::INFINITY, 0.0);
-    for (_, cell) in mesh.cells() {
+    for (shape, cell) in mesh.cells() {
         let at = |k: usize| mesh.positions[cell[k] as usize];
-        for (k, ends) in EDGES.iter().enumerate() {
-            let [a, b, c] = ends.map(|l| (at(l) - at(k)).normalize_or_zero());
+        for &[k, a, b, c] in shape.spokes() {
+            let [a, b, c] = [a, b, c].map(|l| (at(l) - at(k)).normalize_or_zero());
             let jacobian = a.dot(b.cross(c));
             least = least.min(jacobian);
             sum += jacobian / 8.0;

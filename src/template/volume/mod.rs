@@ -28,7 +28,6 @@ mod grid;
 mod offset;
 mod pillow;
 mod refine;
-mod relax;
 
 pub use automatic::{ELEMENTS, MOST_ELEMENTS, automatic};
 pub use ball::ball;
@@ -113,21 +112,11 @@ mod tests {
 
     /// The determinants at the corners of all cells, and the sum of the cells' volumes by the mean of their corners.
     pub fn corner_determinants(mesh: &VolumeMesh) -> Vec<f64> {
-        const AXES: [[usize; 3]; 8] = [
-            [1, 3, 4],
-            [2, 0, 5],
-            [3, 1, 6],
-            [0, 2, 7],
-            [7, 5, 0],
-            [4, 6, 1],
-            [5, 7, 2],
-            [6, 4, 3],
-        ];
         mesh.cells()
-            .flat_map(|(_, cell)| {
+            .flat_map(|(shape, cell)| {
                 let at = |k: usize| mesh.positions[cell[k] as usize];
-                (0..8).map(move |k| {
-                    let [a, b, c] = AXES[k].map(|l| at(l) - at(k));
+                shape.spokes().iter().map(move |&[k, a, b, c]| {
+                    let [a, b, c] = [a, b, c].map(|l| at(l) - at(k));
                     a.dot(b.cross(c))
                 })
             })

@@ -4,9 +4,8 @@
 
 mod common;
 
-use common::gpu;
+use common::{StopsAfter, gpu};
 use glam::DVec3;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use vorofit::device::Device;
 use vorofit::files::read_surface;
 use vorofit::fit::{Fit, Options, Place, Proximity, Start, StopReason, Target, fit};
@@ -14,7 +13,7 @@ use vorofit::measure::{SurfaceError, surface_error};
 use vorofit::mesh::sample::sample_by_area;
 use vorofit::mesh::shapes::{self, RoundedBox};
 use vorofit::mesh::{Connectivity, ControlMesh, Frame, PolygonMesh, Scheme, TriangleMesh};
-use vorofit::progress::{Event, Progress, Silent};
+use vorofit::progress::{Progress, Silent};
 use vorofit::template::{self, Axis};
 
 /// A bounding box of about `points` points as the start.
@@ -52,44 +51,6 @@ fn begun(device: &Device, mesh: &TriangleMesh, points: usize, seed: u64) -> Fit 
     .unwrap();
     assert_eq!(fit.stop_reason, StopReason::Interrupted);
     fit
-}
-
-/// Asks to stop after a number of steps in stages whose name begins so.
-struct StopsAfter {
-    stage: &'static str,
-    steps: usize,
-    counts: AtomicBool,
-    seen: AtomicUsize,
-}
-
-impl StopsAfter {
-    fn new(stage: &'static str, steps: usize) -> Self {
-        Self {
-            stage,
-            steps,
-            counts: AtomicBool::new(false),
-            seen: AtomicUsize::new(0),
-        }
-    }
-}
-
-impl Progress for StopsAfter {
-    fn event(&self, event: Event<'_>) {
-        match event {
-            Event::Stage { name, .. } => {
-                let counts = name.starts_with(self.stage);
-                self.counts.store(counts, Ordering::Relaxed);
-            }
-            Event::Step { .. } if self.counts.load(Ordering::Relaxed) => {
-                self.seen.fetch_add(1, Ordering::Relaxed);
-            }
-            _ => {}
-        }
-    }
-
-    fn interrupted(&self) -> bool {
-        self.seen.load(Ordering::Relaxed) >= self.steps
-    }
 }
 
 /// Largest and root mean square distance in percent of the diagonal, the worse way of both.

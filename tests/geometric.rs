@@ -2,6 +2,7 @@
 
 mod common;
 
+use common::Impatient;
 use glam::DVec3;
 use std::path::Path;
 use std::process::Command;
@@ -12,7 +13,7 @@ use vorofit::fit::{Fit, StopReason};
 use vorofit::geometry::Bvh;
 use vorofit::measure::surface_error;
 use vorofit::mesh::{Connectivity, ControlMesh, PolygonMesh, TriangleMesh, shapes};
-use vorofit::progress::{Event, Progress, Silent};
+use vorofit::progress::Silent;
 use vorofit::template::Align;
 use vorofit::topology;
 
@@ -151,17 +152,6 @@ fn limits_of_counts_and_iterations_are_kept_and_named() {
     let fit = fitted(&data, &simplified(60), &short);
     assert_eq!(fit.iterations.len(), 3);
     assert_eq!(fit.stop_reason, StopReason::Iterations);
-}
-
-/// Stops at once.
-struct Impatient;
-
-impl Progress for Impatient {
-    fn event(&self, _: Event<'_>) {}
-
-    fn interrupted(&self) -> bool {
-        true
-    }
 }
 
 #[test]

@@ -4,13 +4,14 @@ mod common;
 #[path = "common/program.rs"]
 mod program;
 
+use common::Impatient;
 use vorofit::device::Device;
 use vorofit::files::{SurfaceToWrite, read_surface, write_surface};
 use vorofit::fit::geometric::{Data, Start};
 use vorofit::fit::{Interpolation, StopReason, interpolate};
 use vorofit::geometry::Bvh;
 use vorofit::mesh::{Connectivity, ControlMesh, Frame, PolygonMesh, TriangleMesh, shapes};
-use vorofit::progress::{Event, Progress, Silent};
+use vorofit::progress::Silent;
 use vorofit::template::{adaptive, ridges};
 use vorofit::topology;
 
@@ -100,17 +101,6 @@ fn the_same_seed_gives_the_same_network_for_any_number_of_threads() {
     assert_eq!(first, on(3, 1));
     assert_ne!(first, on(2, 2));
     assert_eq!(first.mesh.positions.len(), 150);
-}
-
-/// Interrupts whatever asks.
-struct Impatient;
-
-impl Progress for Impatient {
-    fn event(&self, _: Event<'_>) {}
-
-    fn interrupted(&self) -> bool {
-        true
-    }
 }
 
 #[test]

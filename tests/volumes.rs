@@ -5,10 +5,9 @@
 
 mod common;
 
-use common::data;
+use common::{StopsAfter, data};
 use glam::DVec3;
 use std::f64::consts::TAU;
-use std::sync::atomic::{AtomicUsize, Ordering};
 use vorofit::device::Device;
 use vorofit::files::{Pyramids, read_volume};
 use vorofit::fit::{
@@ -21,7 +20,7 @@ use vorofit::mesh::shapes::{self, RoundedBox};
 use vorofit::mesh::{CellShape, NodalVolume, TriangleMesh, VolumeMesh};
 use vorofit::model::element::Basis;
 use vorofit::model::volume::CurvedVolume;
-use vorofit::progress::{Event, Progress, Silent};
+use vorofit::progress::Silent;
 use vorofit::template::{Align, volume};
 
 fn fitted(mesh: &TriangleMesh, template: &VolumeTemplate, options: &VolumeOptions) -> VolumeFit {
@@ -187,26 +186,11 @@ fn threads_do_not_matter() {
     }
 }
 
-/// Interrupts after some steps.
-struct Impatient(AtomicUsize);
-
-impl Progress for Impatient {
-    fn event(&self, event: Event<'_>) {
-        if let Event::Step { .. } = event {
-            self.0.fetch_add(1, Ordering::Relaxed);
-        }
-    }
-
-    fn interrupted(&self) -> bool {
-        self.0.load(Ordering::Relaxed) >= 7
-    }
-}
-
 #[test]
 fn an_interrupted_fit_has_the_order_asked_for_and_what_was_reached() {
     let target = Target::new(&Device::Cpu, &shapes::lobed_ball(3)).unwrap();
     let start = VolumeStart::new(&target, &VolumeTemplate::Ball(1)).unwrap();
-    let impatient = Impatient(AtomicUsize::new(0));
+    let impatient = StopsAfter::new("", 7);
     let fit = fit_volume(&Device::Cpu, &target, start, &order(2), &impatient).unwrap();
     assert_eq!(fit.stop_reason, StopReason::Interrupted);
     assert_eq!(fit.iterations.len(), 7);

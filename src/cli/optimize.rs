@@ -179,8 +179,8 @@ impl Args {
                 ),
             );
         }
-        summary.line("before", words(&judged.before));
-        summary.line("after", words(&judged.after));
+        summary.quality("before", nodes.cell_count(), &judged.before);
+        summary.quality("after", nodes.cell_count(), &judged.after);
         let moved = &judged.displacement;
         let [forth, back] =
             [moved.a_to_b, moved.b_to_a].map(|d| significant(moved.percent(d.hausdorff.upper), 3));
@@ -188,13 +188,7 @@ impl Args {
             "moved",
             format!("the old boundary is at most {forth} % of the diagonal from the new one, the new at most {back} % from the old"),
         );
-        let seconds = report.timing.as_ref().map_or(0.0, |timing| timing.total_s);
-        let end = if is_interrupted {
-            "; interrupted: this is the best so far"
-        } else {
-            ""
-        };
-        summary.line("time", format!("{seconds:.1} s{end}"));
+        summary.time(report.timing.as_ref(), is_interrupted);
         summary.text()
     }
 
@@ -239,16 +233,6 @@ fn boundary(volume: &CurvedVolume, intervals: usize) -> TriangleMesh {
     volume
         .boundary_surface(intervals)
         .mesh(&volume.coefficients)
-}
-
-fn words(quality: &QualityReport) -> String {
-    format!(
-        "{} inverted or degenerate, {} undecided; scaled Jacobian at least {}, mean {}",
-        count(quality.invalid),
-        count(quality.undecided),
-        significant(quality.scaled_jacobian_min, 3),
-        significant(quality.scaled_jacobian_mean, 3)
-    )
 }
 
 fn parse_tolerance(text: &str) -> Result<f64, String> {

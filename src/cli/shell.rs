@@ -138,16 +138,7 @@ impl Args {
                 significant(100.0 * made.shortened, 3)
             ),
         );
-        summary.line(
-            "quality",
-            format!(
-                "{} invalid, {} undecided; scaled Jacobian at least {}, mean {}",
-                count(quality.invalid),
-                count(quality.undecided),
-                significant(quality.scaled_jacobian_min, 3),
-                significant(quality.scaled_jacobian_mean, 3)
-            ),
-        );
+        summary.quality("quality", made.mesh.cell_count(), quality);
         if made.crossing > 0 || made.surface_crossing > 0 {
             summary.line(
                 "crosses",
@@ -158,13 +149,7 @@ impl Args {
                 ),
             );
         }
-        let seconds = report.timing.as_ref().map_or(0.0, |timing| timing.total_s);
-        let end = if made.interrupted {
-            "; interrupted: this is the best so far"
-        } else {
-            ""
-        };
-        summary.line("time", format!("{seconds:.1} s{end}"));
+        summary.time(report.timing.as_ref(), made.interrupted);
         summary.text()
     }
 

@@ -1,7 +1,7 @@
 //! What a fit says on the screen at its end.
 
 use super::job::{Job, Method};
-use super::text::{Summary, count, significant};
+use super::text::{INTERRUPTED, Summary, count, significant};
 use std::path::PathBuf;
 use vorofit::fit::{Iteration, StopReason, Template};
 use vorofit::mesh::Scheme;
@@ -169,7 +169,7 @@ impl Job<'_> {
             (Some(StopReason::Interrupted), _) if self.checkpoints.file.is_some() => {
                 "interrupted: this is the best so far; --resume goes on"
             }
-            (Some(StopReason::Interrupted), _) => "interrupted: this is the best so far",
+            (Some(StopReason::Interrupted), _) => INTERRUPTED,
             (Some(StopReason::Iterations), _) => "stopped at the iterations allowed",
             (Some(StopReason::Tolerance), _) => "stopped at the error asked for",
             (Some(StopReason::ControlPoints), _) => {

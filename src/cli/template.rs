@@ -157,19 +157,25 @@ struct Cage {
     output: PathBuf,
 }
 
+/// What an operation makes.
+enum Made {
+    Volume(VolumeMesh),
+    Cage(ControlMesh),
+}
+
 impl Args {
     pub fn run(&self, session: &Session) -> Result<Outcome> {
         let mut stopwatch = Stopwatch::start();
         self.operation.check()?;
-        let report = match self.operation.volume(session)? {
-            Some((mesh, output)) => {
-                stopwatch.lap("template");
+        let made = self.operation.make(session)?;
+        stopwatch.lap("template");
+        let output = self.operation.output();
+        let report = match made {
+            Made::Volume(mesh) => {
                 write_volume(output, &VolumeToWrite::new(&NodalVolume::from(&mesh)))?;
                 of_volume(&mesh)?
             }
-            None => {
-                let (control, output) = self.operation.cage(session)?;
-                stopwatch.lap("template");
+            Made::Cage(control) => {
                 let surface = SurfaceToWrite::control(&control, Scheme::CatmullClark);
                 write_surface(output, &surface)?;
                 of_cage(&control)
@@ -181,7 +187,7 @@ impl Args {
             timing: Some(stopwatch.timing()),
             ..report
         };
-        session.finish(&report, &summary(self.operation.output(), &report))?;
+        session.finish(&report, &summary(output, &report))?;
         Ok(Outcome::Done)
     }
 }
@@ -230,10 +236,10 @@ impl Operation {
         }
     }
 
-    /// The volume that is asked for, and where to write it; none where it is a cage.
-    fn volume(&self, session: &Session) -> Result<Option<(VolumeMesh, &PathBuf)>> {
-        let made = match self {
-            Self::Bbox(_) | Self::Torus(_) => return Ok(None),
+    fn make(&self, session: &Session) -> Result<Made> {
+        let volume = match self {
+            Self::Bbox(cage) => return cage.bounding_box(session).map(Made::Cage),
+            Self::Torus(cage) => return cage.torus(session).map(Made::Cage),
             Self::Grid {
                 target,
                 between,
@@ -280,24 +286,21 @@ impl Operation {
             Some(path) => in_file(error, path, "mesh"),
             None => error,
         };
-        Ok(Some((made.map_err(named)?, self.output())))
+        Ok(Made::Volume(volume.map_err(named)?))
+    }
+}
+
+impl Cage {
+    fn bounding_box(&self, session: &Session) -> Result<ControlMesh> {
+        let target = read_target(session, &self.target)?;
+        let (lo, hi) = target.bounding_box().unwrap_or_default();
+        Ok(template::bounding_box(lo, hi, self.control_points))
     }
 
-    fn cage(&self, session: &Session) -> Result<(ControlMesh, &PathBuf)> {
-        let (Self::Bbox(cage) | Self::Torus(cage)) = self else {
-            unreachable!("volumes are made elsewhere")
-        };
-        let target = read_target(session, &cage.target)?;
-        let points = cage.control_points;
-        let control = match self {
-            Self::Torus(_) => template::torus(&target, Axis::Inertia, points)
-                .map_err(|e| in_file(e, &cage.target, "mesh"))?,
-            _ => {
-                let (lo, hi) = target.bounding_box().unwrap_or_default();
-                template::bounding_box(lo, hi, points)
-            }
-        };
-        Ok((control, &cage.output))
+    fn torus(&self, session: &Session) -> Result<ControlMesh> {
+        let target = read_target(session, &self.target)?;
+        template::torus(&target, Axis::Inertia, self.control_points)
+            .map_err(|e| in_file(e, &self.target, "mesh"))
     }
 }
 

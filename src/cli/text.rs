@@ -1,6 +1,10 @@
 //! Numbers and summaries as people read and write them.
 
+use vorofit::report::{QualityReport, Timing};
 pub use vorofit::report::{count, significant};
+
+/// What is said of a result that Ctrl-C cut short.
+pub const INTERRUPTED: &str = "interrupted: this is the best so far";
 
 /// Lines with a word before each; repeated words are written once.
 #[derive(Default)]
@@ -15,6 +19,33 @@ impl Summary {
         let shown = if word == self.last { "" } else { word };
         self.text += &format!("{shown:7} {}\n", content.as_ref());
         self.last = word;
+    }
+
+    /// Adds what was judged of that many elements of a volume.
+    pub fn quality(&mut self, word: &'static str, elements: usize, quality: &QualityReport) {
+        let valid = elements - quality.invalid - quality.undecided;
+        self.line(
+            word,
+            format!(
+                "{} valid everywhere, {} invalid, {} undecided; scaled Jacobian at least {}, mean {}",
+                count(valid),
+                count(quality.invalid),
+                count(quality.undecided),
+                significant(quality.scaled_jacobian_min, 3),
+                significant(quality.scaled_jacobian_mean, 3)
+            ),
+        );
+    }
+
+    /// Adds the wall time of the whole and, where it was interrupted, that this is not its end.
+    pub fn time(&mut self, timing: Option<&Timing>, is_interrupted: bool) {
+        let seconds = timing.map_or(0.0, |timing| timing.total_s);
+        let end = if is_interrupted {
+            format!("; {INTERRUPTED}")
+        } else {
+            String::new()
+        };
+        self.line("time", format!("{seconds:.1} s{end}"));
     }
 
     /// All lines.

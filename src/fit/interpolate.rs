@@ -8,7 +8,7 @@ use super::geometric::Data;
 use super::record::{Fit, StopReason};
 use crate::error::Result;
 use crate::mesh::{Connectivity, ControlMesh, Scheme};
-use crate::model::{self, Model};
+use crate::model;
 use crate::progress::Progress;
 use glam::DVec3;
 use rstar::RTree;
@@ -47,9 +47,8 @@ pub fn interpolate(
         false => StopReason::Schedule,
     };
     let control = model::interpolating(&template, Scheme::Loop)?;
-    let model = Model::new(&control, Scheme::Loop, options.levels, true)?;
     Ok(Fit {
-        surface: model.surface(&control.mesh.positions),
+        surface: model::limit_mesh(&control, Scheme::Loop, options.levels)?,
         control,
         iterations: Vec::new(),
         data_error: None,

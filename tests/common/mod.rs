@@ -1,4 +1,4 @@
-//! What the GPU tests share: one open device, and noise.
+//! What tests share: one open device, noise, the public data, and ways to be interrupted.
 
 #![allow(dead_code, reason = "each test binary uses a part")]
 
@@ -8,8 +8,10 @@ pub mod volumes;
 use glam::DVec3;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use vorofit::device::{Adapter, Gpu, Shader};
 use vorofit::kernel::Kernel;
+use vorofit::progress::{Event, Progress};
 
 /// A file of the public data, which is no part of the repository: in `../shared/data`, or where `VOROFIT_DATA` says. One that is not
 /// there is named.
@@ -108,5 +110,54 @@ impl Noise {
     /// Uniform in 0..n.
     pub fn below(&mut self, n: usize) -> usize {
         (((self.next() + 0.5) * n as f64) as usize).min(n - 1)
+    }
+}
+
+/// Asks to stop after a number of steps in stages whose name begins so.
+pub struct StopsAfter {
+    stage: &'static str,
+    steps: usize,
+    counts: AtomicBool,
+    seen: AtomicUsize,
+}
+
+impl StopsAfter {
+    pub fn new(stage: &'static str, steps: usize) -> Self {
+        Self {
+            stage,
+            steps,
+            counts: AtomicBool::new(false),
+            seen: AtomicUsize::new(0),
+        }
+    }
+}
+
+impl Progress for StopsAfter {
+    fn event(&self, event: Event<'_>) {
+        match event {
+            Event::Stage { name, .. } => {
+                let counts = name.starts_with(self.stage);
+                self.counts.store(counts, Ordering::Relaxed);
+            }
+            Event::Step { .. } if self.counts.load(Ordering::Relaxed) => {
+                self.seen.fetch_add(1, Ordering::Relaxed);
+            }
+            _ => {}
+        }
+    }
+
+    fn interrupted(&self) -> bool {
+        self.seen.load(Ordering::Relaxed) >= self.steps
+    }
+}
+
+/// Interrupts whatever asks.
+pub struct Impatient;
+
+impl Progress for Impatient {
+    fn event(&self, _: Event<'_>) {}
+
+    fn interrupted(&self) -> bool {
+        true
     }
 }

@@ -1,7 +1,7 @@
 //! The report of `vorofit volume` in words.
 
 use super::Args;
-use crate::cli::text::{Summary, count, significant};
+use crate::cli::text::{INTERRUPTED, Summary, count, significant};
 use vorofit::fit::StopReason;
 use vorofit::report::Report;
 
@@ -67,26 +67,12 @@ impl Args {
             );
         }
         if let Some(quality) = &report.quality {
-            let elements = report
-                .result
-                .as_ref()
-                .and_then(|r| r.elements)
-                .unwrap_or_default();
-            let valid = elements - quality.invalid - quality.undecided;
-            summary.line(
-                "quality",
-                format!(
-                    "{} valid everywhere, {} invalid, {} undecided; scaled Jacobian at least {}, mean {}",
-                    count(valid),
-                    count(quality.invalid),
-                    count(quality.undecided),
-                    significant(quality.scaled_jacobian_min, 3),
-                    significant(quality.scaled_jacobian_mean, 3)
-                ),
-            );
+            let result = report.result.as_ref();
+            let elements = result.and_then(|r| r.elements).unwrap_or_default();
+            summary.quality("quality", elements, quality);
         }
         let why = match report.stop_reason {
-            Some(StopReason::Interrupted) => "interrupted: this is the best so far",
+            Some(StopReason::Interrupted) => INTERRUPTED,
             Some(StopReason::Iterations) => "stopped at the iterations allowed",
             Some(StopReason::Tolerance) => "the error asked for is met",
             _ => "ran to the end",

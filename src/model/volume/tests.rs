@@ -7,6 +7,18 @@ const SHAPES: [CellShape; 3] = [
     CellShape::Prism,
     CellShape::Hexahedron,
 ];
+/// Shapes that can share a face of that many corners.
+const NEIGHBOURS: [([CellShape; 2], usize); 6] = {
+    use CellShape::{Hexahedron as H, Prism as P, Tetrahedron as T};
+    [
+        ([H, H], 4),
+        ([H, P], 4),
+        ([P, P], 4),
+        ([P, P], 3),
+        ([T, T], 3),
+        ([P, T], 3),
+    ]
+};
 const BASES: [Basis; 2] = [Basis::Legendre, Basis::Fourier];
 
 fn random_vector(random: &mut Random) -> DVec3 {
@@ -93,18 +105,27 @@ fn randomized(
     volume
 }
 
+/// A random point of the face that two cells share, `face` of the first, as either sees it.
+fn seen_from_both(
+    random: &mut Random,
+    volume: &CurvedVolume,
+    mesh: &VolumeMesh,
+    face: &[usize],
+) -> [DVec3; 2] {
+    let [x, y] = [random.uniform(), random.uniform()];
+    let weights = match face.len() {
+        4 => vec![(1.0 - x) * (1.0 - y), x * (1.0 - y), x * y, (1.0 - x) * y],
+        _ => vec![1.0 - x, x * (1.0 - y), x * y],
+    };
+    let shared = face.iter().map(|&k| mesh.cell(0)[k]);
+    let weights: Vec<(u32, f64)> = shared.zip(weights).collect();
+    [0, 1].map(|c| volume.evaluate(c, point_on(volume, c, &weights)).0)
+}
+
 #[test]
 fn every_pair_of_cells_conforms_whatever_the_labels_and_orders() {
-    use CellShape::{Hexahedron as H, Prism as P, Tetrahedron as T};
     let mut random = Random::new(1);
-    for (shapes, corners) in [
-        ([H, H], 4),
-        ([H, P], 4),
-        ([P, P], 4),
-        ([P, P], 3),
-        ([T, T], 3),
-        ([P, T], 3),
-    ] {
+    for (shapes, corners) in NEIGHBOURS {
         for basis in BASES {
             for round in 0..25 {
                 let (mesh, faces) = glued(&mut random, shapes, corners);
@@ -112,15 +133,7 @@ fn every_pair_of_cells_conforms_whatever_the_labels_and_orders() {
                 let highest = if round < 24 { 6 } else { 12 };
                 let orders = [0, 1].map(|_| 1 + random.below(highest));
                 let volume = randomized(&mut random, &mesh, basis, &orders);
-                let shared = faces[0].iter().map(|&k| mesh.cell(0)[k]);
-                let [x, y] = [random.uniform(), random.uniform()];
-                let weights: Vec<f64> = if corners == 4 {
-                    vec![(1.0 - x) * (1.0 - y), x * (1.0 - y), x * y, (1.0 - x) * y]
-                } else {
-                    vec![1.0 - x, x * (1.0 - y), x * y]
-                };
-                let weights: Vec<(u32, f64)> = shared.zip(weights).collect();
-                let [a, b] = [0, 1].map(|c| volume.evaluate(c, point_on(&volume, c, &weights)).0);
+                let [a, b] = seen_from_both(&mut random, &volume, &mesh, faces[0]);
                 assert!(
                     a.distance(b) < 1e-12,
                     "{shapes:?} {basis:?} {orders:?}: {a} {b}"
@@ -132,16 +145,8 @@ fn every_pair_of_cells_conforms_whatever_the_labels_and_orders() {
 
 #[test]
 fn every_pair_of_cells_conforms_whatever_the_orders_of_their_boundaries() {
-    use CellShape::{Hexahedron as H, Prism as P, Tetrahedron as T};
     let mut random = Random::new(11);
-    for (shapes, corners) in [
-        ([H, H], 4),
-        ([H, P], 4),
-        ([P, P], 4),
-        ([P, P], 3),
-        ([T, T], 3),
-        ([P, T], 3),
-    ] {
+    for (shapes, corners) in NEIGHBOURS {
         for basis in BASES {
             for _ in 0..10 {
                 let (mesh, faces) = glued(&mut random, shapes, corners);
@@ -154,15 +159,7 @@ fn every_pair_of_cells_conforms_whatever_the_orders_of_their_boundaries() {
                 for c in &mut volume.coefficients {
                     *c = random_vector(&mut random);
                 }
-                let shared = faces[0].iter().map(|&k| mesh.cell(0)[k]);
-                let [x, y] = [random.uniform(), random.uniform()];
-                let weights: Vec<f64> = if corners == 4 {
-                    vec![(1.0 - x) * (1.0 - y), x * (1.0 - y), x * y, (1.0 - x) * y]
-                } else {
-                    vec![1.0 - x, x * (1.0 - y), x * y]
-                };
-                let weights: Vec<(u32, f64)> = shared.zip(weights).collect();
-                let [a, b] = [0, 1].map(|c| volume.evaluate(c, point_on(&volume, c, &weights)).0);
+                let [a, b] = seen_from_both(&mut random, &volume, &mesh, faces[0]);
                 assert!(a.distance(b) < 1e-12, "{shapes:?} {orders:?}: {a} {b}");
                 // Elevated to one order, for files, it is the same.
                 if basis == Basis::Legendre {

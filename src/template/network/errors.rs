@@ -5,8 +5,8 @@ use super::ground::Ground;
 use crate::device::Device;
 use crate::error::Result;
 use crate::kernel::closest_point::ClosestPoints;
-use crate::mesh::{Scheme, TriangleMesh};
-use crate::model::{Model, interpolating};
+use crate::mesh::Scheme;
+use crate::model::{interpolating, limit_mesh};
 
 /// Subdivisions of the surface that errors are measured from.
 const LEVELS: usize = 2;
@@ -31,11 +31,7 @@ impl Errors {
         fire: &Fire,
     ) -> Result<Self> {
         let control = interpolating(&ground.network(fire)?, Scheme::Loop)?;
-        let model = Model::new(&control, Scheme::Loop, LEVELS, true)?;
-        let surface = TriangleMesh {
-            positions: model.positions(&control.mesh.positions),
-            triangles: model.triangles,
-        };
+        let surface = limit_mesh(&control, Scheme::Loop, LEVELS)?.triangulate();
         let mut errors = Self {
             cells: vec![(0.0, 0); fire.sites.len()],
             score: 0.0,

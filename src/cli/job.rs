@@ -31,6 +31,16 @@ const SAMPLES: usize = 200_000;
 /// Samples of each rim.
 const RIM_SAMPLES: usize = 20_000;
 
+/// A fit in the unit frame, and what it is judged against.
+struct Fitted {
+    fit: Fit,
+    frame: Frame,
+    /// The target in the unit frame: the input, or what has been reconstructed of its points where the method needs a surface.
+    target: TriangleMesh,
+    /// Of `target`, where it has triangles.
+    mended: Option<Mended>,
+}
+
 /// A fit to be run.
 pub struct Job<'a> {
     /// The command, for the report.
@@ -200,37 +210,16 @@ impl Job<'_> {
 
     fn fit(&self, session: &Session, stopwatch: &mut Stopwatch) -> Result<Finished> {
         session.terminal.stage("preparing the target");
-        // Of a cloud, where the method needs one.
-        let mut reconstructed = None;
-        // The fit's own, so that nothing is mended twice.
-        let mut mended = None;
-        let (frame, fit) = match &self.method {
+        let progress = &session.terminal;
+        let fitted = match &self.method {
             Method::Voronoi { template, options } => {
-                let (surface, confidence) = match self.target {
-                    Target::Surface { mesh, confidence } => (mesh.triangulate(), confidence),
-                    Target::Points(points) => {
-                        let surface = reconstruction::surface(points);
-                        let surface = surface.map_err(|e| in_file(e, self.name, "points"))?;
-                        reconstructed = Some(surface.clone());
-                        (surface, [].as_slice())
-                    }
-                };
-                let device = session.device()?;
-                let target = fit::Target::with(device, &surface, confidence, self.holes())
-                    .map_err(|e| in_file(e, self.name, "faces"))?;
-                stopwatch.lap("prepare");
-                let fit = self.fit_voronoi(session, &target, template, options, stopwatch)?;
-                mended = Some(target.mended()?);
-                fit
+                self.fit_voronoi(session, template, options, stopwatch)?
             }
             Method::Interpolate { start, options } => {
                 let data = self.data(None, 0)?;
-                stopwatch.lap("prepare");
-                let control = self.control_mesh(session, &data, start, stopwatch)?;
-                let fit = fit::interpolate(&data, control, options, &session.terminal)
-                    .map_err(|e| in_file(e, self.template_file(), "template"))?;
-                stopwatch.laps(fit.stages.iter().cloned());
-                (data.frame, fit)
+                self.fit_data(session, &data, start, stopwatch, |control| {
+                    fit::interpolate(&data, control, options, progress)
+                })?
             }
             Method::Geometric {
                 start,
@@ -239,18 +228,19 @@ impl Job<'_> {
                 options,
             } => {
                 let data = self.data(*samples, *seed)?;
-                stopwatch.lap("prepare");
-                self.fit_geometric(session, &data, start, options, stopwatch)?
+                let device = session.device()?;
+                self.fit_data(session, &data, start, stopwatch, |control| {
+                    geometric::fit(device, &data, control, options, progress)
+                })?
             }
         };
+        let Fitted {
+            fit,
+            frame,
+            target,
+            mended,
+        } = fitted;
         session.terminal.stage("measuring the error");
-        let target = match &reconstructed {
-            Some(surface) => in_frame(surface.clone(), &frame),
-            None => self.target.in_frame(&frame),
-        };
-        if mended.is_none() && !target.triangles.is_empty() {
-            mended = Some(Mended::of(&target, self.holes())?);
-        }
         let mended = mended.as_ref();
         let Verdict {
             error,
@@ -286,26 +276,40 @@ impl Job<'_> {
     fn fit_voronoi(
         &self,
         session: &Session,
-        target: &fit::Target,
         template: &Template,
         options: &Options,
         stopwatch: &mut Stopwatch,
-    ) -> Result<(Frame, Fit)> {
+    ) -> Result<Fitted> {
+        let (surface, confidence) = match self.target {
+            Target::Surface { mesh, confidence } => (mesh.triangulate(), confidence),
+            Target::Points(points) => {
+                let surface = reconstruction::surface(points);
+                (
+                    surface.map_err(|e| in_file(e, self.name, "points"))?,
+                    [].as_slice(),
+                )
+            }
+        };
+        let device = session.device()?;
+        let target = fit::Target::with(device, &surface, confidence, self.holes())
+            .map_err(|e| in_file(e, self.name, "faces"))?;
+        stopwatch.lap("prepare");
         let about_template = |e| in_file(e, self.template_file(), "template");
-        let start = Start::with_progress(target, template, options.scheme, &session.terminal)
+        let start = Start::with_progress(&target, template, options.scheme, &session.terminal)
             .map_err(about_template)?;
         stopwatch.lap("template");
-        let fit = fit::fit_with_checkpoints(
-            session.device()?,
-            target,
-            start,
-            options,
-            &session.terminal,
-            self.checkpoints.clone(),
-        )
-        .map_err(about_template)?;
+        let checkpoints = self.checkpoints.clone();
+        let terminal = &session.terminal;
+        let fit = fit::fit_with_checkpoints(device, &target, start, options, terminal, checkpoints)
+            .map_err(about_template)?;
         stopwatch.laps(fit.stages.iter().cloned());
-        Ok((target.frame, fit))
+        Ok(Fitted {
+            fit,
+            frame: target.frame,
+            target: in_frame(surface, &target.frame),
+            // The fit's own, so that nothing is mended twice.
+            mended: Some(target.mended()?),
+        })
     }
 
     /// The points of the target that are fitted to, or `samples` spread over it.
@@ -317,34 +321,36 @@ impl Job<'_> {
         data.map_err(|e| in_file(e, self.name, "target"))
     }
 
-    fn control_mesh(
+    /// Fits to points from a start, while the target is made ready for judging.
+    fn fit_data(
         &self,
         session: &Session,
         data: &Data,
         start: &geometric::Start,
         stopwatch: &mut Stopwatch,
-    ) -> Result<ControlMesh> {
-        let control = data
-            .control_mesh(session.device()?, start, &session.terminal)
-            .map_err(|e| in_file(e, self.template_file(), "template"))?;
-        stopwatch.lap("template");
-        Ok(control)
-    }
-
-    fn fit_geometric(
-        &self,
-        session: &Session,
-        data: &Data,
-        start: &geometric::Start,
-        options: &geometric::Options,
-        stopwatch: &mut Stopwatch,
-    ) -> Result<(Frame, Fit)> {
-        let control = self.control_mesh(session, data, start, stopwatch)?;
-        let device = session.device()?;
-        let fit = geometric::fit(device, data, control, options, &session.terminal)
-            .map_err(|e| in_file(e, self.template_file(), "template"))?;
+        fit: impl FnOnce(ControlMesh) -> Result<Fit>,
+    ) -> Result<Fitted> {
+        stopwatch.lap("prepare");
+        let target = self.target.in_frame(&data.frame);
+        let mut mended = None;
+        let fit = rayon::in_place_scope(|scope| {
+            if !target.triangles.is_empty() {
+                scope.spawn(|_| mended = Some(Mended::of(&target, self.holes())));
+            }
+            let about_template = |e| in_file(e, self.template_file(), "template");
+            let control = data
+                .control_mesh(session.device()?, start, &session.terminal)
+                .map_err(about_template)?;
+            stopwatch.lap("template");
+            fit(control).map_err(about_template)
+        })?;
         stopwatch.laps(fit.stages.iter().cloned());
-        Ok((data.frame, fit))
+        Ok(Fitted {
+            fit,
+            frame: data.frame,
+            mended: mended.transpose()?,
+            target,
+        })
     }
 
     /// How good a fit to the target, in the unit frame, is; `mended` is the target's, if it has triangles.

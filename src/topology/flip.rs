@@ -173,11 +173,13 @@ fn normals([a, b, c, d]: Quad, positions: &[DVec3]) -> [DVec3; 2] {
 
 fn least_angle([a, b, c, d]: Quad, positions: &[DVec3]) -> f64 {
     let [a, b, c, d] = [a, b, c, d].map(|v| positions[v as usize]);
+    // Opposite to the shortest edge is the smallest angle.
     let triangle = |p: DVec3, q: DVec3, r: DVec3| {
-        let angle = |x: DVec3, y: DVec3| x.cross(y).length().atan2(x.dot(y));
-        angle(q - p, r - p)
-            .min(angle(r - q, p - q))
-            .min(angle(p - r, q - r))
+        let edges = [[p, q, r], [q, r, p], [r, p, q]].map(|[x, y, z]| [y - x, z - x, z - y]);
+        let across = |e: &[DVec3; 3]| e[2].length_squared();
+        let least = |a, b| if across(&b) < across(&a) { b } else { a };
+        let [x, y, _] = edges.into_iter().reduce(least).unwrap_or_default();
+        x.cross(y).length().atan2(x.dot(y))
     };
     triangle(a, b, c).min(triangle(b, a, d))
 }

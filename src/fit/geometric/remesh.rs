@@ -6,6 +6,7 @@ use crate::mesh::{Connectivity, ControlMesh};
 use crate::model::limit_surface::{LimitSurface, SurfaceParameter};
 use crate::topology::{self, Flip, flip_for_angles, flip_for_valence, split::closure};
 use glam::DVec2;
+use rayon::prelude::*;
 
 /// Splits faces whose error, in tolerances, is above 1, worst first, to at most `most` control points; then flips edges.
 ///
@@ -28,9 +29,9 @@ pub(super) fn refine(
     let mut split = topology::split(control, &marked, &subdivided)?;
     let mut flips = flip_for_valence(&mut split.control)?;
     flips.extend(flip_for_angles(&mut split.control)?);
-    for sample in samples.iter_mut() {
+    samples.par_iter_mut().for_each(|sample| {
         move_to(sample, split.locate(sample.at.face, parameters(sample)));
-    }
+    });
     follow(&flips, split.control.mesh.face_count(), samples);
     *control = split.control;
     Ok(true)
@@ -47,9 +48,15 @@ fn move_to(sample: &mut Sample, (face, at): (u32, DVec2)) {
 
 /// Takes samples along with the flips of the faces that they are in.
 fn follow(flips: &[Flip], faces: usize, samples: &mut [Sample]) {
+    let mut is_flipped = vec![false; faces];
+    for &face in flips.iter().flat_map(|flip| &flip.faces) {
+        is_flipped[face as usize] = true;
+    }
     let mut within = vec![Vec::new(); faces];
     for (k, sample) in samples.iter().enumerate() {
-        within[sample.at.face as usize].push(k);
+        if is_flipped[sample.at.face as usize] {
+            within[sample.at.face as usize].push(k);
+        }
     }
     for flip in flips {
         let inside = flip.faces.map(|f| std::mem::take(&mut within[f as usize]));

@@ -215,17 +215,15 @@ impl<'a> BoundaryCurves<'a> {
 
 impl Curve {
     fn new(patches: &Patches<'_>, edges: Vec<u32>) -> Result<Self> {
-        let mut positions = Vec::with_capacity(edges.len() * (PIECES as usize + 1));
-        let mut segments = Vec::with_capacity(edges.len() * PIECES as usize);
-        for &h in &edges {
-            for k in 0..=PIECES {
-                if k > 0 {
-                    let end = positions.len() as u32;
-                    segments.push([end - 1, end, end]);
-                }
-                positions.push(jet(patches, h, f64::from(k) / f64::from(PIECES)).position);
-            }
-        }
+        let places = (edges.par_iter()).flat_map_iter(|&h| (0..=PIECES).map(move |k| (h, k)));
+        let positions: Vec<DVec3> = places
+            .map(|(h, k)| jet(patches, h, f64::from(k) / f64::from(PIECES)).position)
+            .collect();
+        let ends = 0..positions.len() as u32;
+        let segments: Vec<[u32; 3]> = ends
+            .filter(|end| end % (PIECES + 1) > 0)
+            .map(|end| [end - 1, end, end])
+            .collect();
         Ok(Self {
             edges,
             pieces: Bvh::new(&positions, &segments)?,

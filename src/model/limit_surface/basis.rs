@@ -7,10 +7,8 @@
 //!
 //! each over 12. Those of the three corners follow: all twelve sum to 1 and reproduce linear functions.
 
-use glam::DVec2;
-
-/// The value and the derivatives u, v, uu, uv, vv of each of `N` basis functions.
-pub type Jets<const N: usize> = [[f64; 6]; N];
+use super::LimitJet;
+use glam::{DVec2, DVec3};
 
 /// Where the control points of a triangle's patch are, in its own parameters: its corners; across the edge opposite to each corner;
 /// and by corner k the two beyond it, on the line of corner k + 1 and on that of corner k + 2.
@@ -29,114 +27,113 @@ const TRIANGLE_POINTS: [[f64; 2]; 12] = [
     [-1.0, 2.0],
 ];
 
-/// Twelve times a basis function: its value and derivatives by three barycentric coordinates as if they were independent.
+/// Sums over the nine points of twelve times their basis functions: of the values and the derivatives by three barycentric coordinates as if they were independent.
 #[derive(Default)]
 struct Homogeneous {
-    value: f64,
-    first: [f64; 3],
-    second: [[f64; 3]; 3],
+    value: DVec3,
+    first: [DVec3; 3],
+    /// By the coordinates (i, j) at [i][j], i ≤ j.
+    second: [[DVec3; 3]; 3],
 }
 
 impl Homogeneous {
-    /// x³ (x + 2 y), x the weight of corner `I`, y that of corner `J`.
+    /// Adds `p` times x³ (x + 2 y), x the weight of corner `I`, y that of corner `J`.
     #[inline(always)]
-    fn beyond<const I: usize, const J: usize>(w: [f64; 3]) -> Self {
+    fn beyond<const I: usize, const J: usize>(&mut self, w: [f64; 3], p: DVec3) {
         let (x, y) = (w[I], w[J]);
         let x2 = x * x;
-        let mut p = Self {
-            value: x2 * x * (x + 2.0 * y),
-            ..Self::default()
-        };
-        p.first[I] = x2 * (4.0 * x + 6.0 * y);
-        p.first[J] = 2.0 * x2 * x;
-        p.second[I][I] = 12.0 * x * (x + y);
-        p.set_mixed(I, J, 6.0 * x2);
-        p
+        self.value += x2 * x * (x + 2.0 * y) * p;
+        self.first[I] += x2 * (4.0 * x + 6.0 * y) * p;
+        self.first[J] += 2.0 * x2 * x * p;
+        self.second[I][I] += 12.0 * x * (x + y) * p;
+        self.second[I.min(J)][I.max(J)] += 6.0 * x2 * p;
     }
 
-    /// s⁴ + 2 t (s² + t) + 2 z s³, z the weight of corner `K`, x and y those of the next, `I`, and the last, `J`.
+    /// Adds `p` times s⁴ + 2 t (s² + t) + 2 z s³, z the weight of corner `K`, x and y those of the next, `I`, and the last, `J`.
     #[inline(always)]
-    fn across<const K: usize, const I: usize, const J: usize>(w: [f64; 3]) -> Self {
+    fn across<const K: usize, const I: usize, const J: usize>(&mut self, w: [f64; 3], p: DVec3) {
         let (x, y, z) = (w[I], w[J], w[K]);
         let (s, t) = (x + y, x * y);
         let (s2, s3) = (s * s, s * s * s);
-        let mut p = Self {
-            value: s2 * s2 + 2.0 * t * (s2 + t) + 2.0 * z * s3,
-            ..Self::default()
-        };
         let both = 4.0 * s3 + 4.0 * s * t + 6.0 * z * s2;
         let bend = 12.0 * s2 + 4.0 * t + 12.0 * z * s;
-        p.first[I] = both + 2.0 * y * (s2 + 2.0 * t);
-        p.first[J] = both + 2.0 * x * (s2 + 2.0 * t);
-        p.first[K] = 2.0 * s3;
-        p.second[I][I] = bend + 4.0 * y * (2.0 * s + y);
-        p.second[J][J] = bend + 4.0 * x * (2.0 * s + x);
-        p.set_mixed(I, J, bend + 6.0 * s2 + 8.0 * t);
-        p.set_mixed(I, K, 6.0 * s2);
-        p.set_mixed(J, K, 6.0 * s2);
-        p
-    }
-
-    #[inline(always)]
-    fn set_mixed(&mut self, i: usize, j: usize, value: f64) {
-        self.second[i][j] = value;
-        self.second[j][i] = value;
-    }
-
-    /// By (u, v), the weights being (1 − u − v, u, v).
-    #[inline(always)]
-    fn jet(&self) -> [f64; 6] {
-        let (d, dd) = (&self.first, &self.second);
-        [
-            self.value,
-            d[1] - d[0],
-            d[2] - d[0],
-            dd[1][1] - 2.0 * dd[0][1] + dd[0][0],
-            dd[1][2] - dd[0][1] - dd[0][2] + dd[0][0],
-            dd[2][2] - 2.0 * dd[0][2] + dd[0][0],
-        ]
-        .map(|value| value * (1.0 / 12.0))
+        self.value += (s2 * s2 + 2.0 * t * (s2 + t) + 2.0 * z * s3) * p;
+        self.first[I] += (both + 2.0 * y * (s2 + 2.0 * t)) * p;
+        self.first[J] += (both + 2.0 * x * (s2 + 2.0 * t)) * p;
+        self.first[K] += 2.0 * s3 * p;
+        self.second[I][I] += (bend + 4.0 * y * (2.0 * s + y)) * p;
+        self.second[J][J] += (bend + 4.0 * x * (2.0 * s + x)) * p;
+        self.second[I.min(J)][I.max(J)] += (bend + 6.0 * s2 + 8.0 * t) * p;
+        let mixed = 6.0 * s2 * p;
+        self.second[I.min(K)][I.max(K)] += mixed;
+        self.second[J.min(K)][J.max(K)] += mixed;
     }
 }
 
-/// The quartic box spline at (u, v) of the triangle (0,0), (1,0), (0,1).
+/// The quartic box spline with control points `p` at (u, v) of the triangle (0,0), (1,0), (0,1).
 #[inline]
-pub fn box_spline(at: DVec2) -> Jets<12> {
+pub fn box_spline(p: &[DVec3; 12], at: DVec2) -> LimitJet {
+    let [a, b, c, ..] = *p;
     let w = [1.0 - at.x - at.y, at.x, at.y];
-    let mut jets = [
-        [0.0; 6],
-        [0.0; 6],
-        [0.0; 6],
-        Homogeneous::across::<0, 1, 2>(w).jet(),
-        Homogeneous::across::<1, 2, 0>(w).jet(),
-        Homogeneous::across::<2, 0, 1>(w).jet(),
-        Homogeneous::beyond::<0, 2>(w).jet(),
-        Homogeneous::beyond::<0, 1>(w).jet(),
-        Homogeneous::beyond::<1, 0>(w).jet(),
-        Homogeneous::beyond::<1, 2>(w).jet(),
-        Homogeneous::beyond::<2, 1>(w).jet(),
-        Homogeneous::beyond::<2, 0>(w).jet(),
-    ];
-    // What is left of the jets of 1, u and v.
-    let mut sum = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0];
-    let mut x = [at.x, 1.0, 0.0, 0.0, 0.0, 0.0];
-    let mut y = [at.y, 0.0, 1.0, 0.0, 0.0, 0.0];
-    for (jet, point) in jets.iter().zip(TRIANGLE_POINTS).skip(3) {
-        for order in 0..6 {
-            sum[order] -= jet[order];
-            x[order] -= point[0] * jet[order];
-            y[order] -= point[1] * jet[order];
-        }
+    // The basis reproduces linear functions: what the nine other points are beside the one through the corners is all that bends.
+    let scaled = |point: DVec3| point * (1.0 / 12.0);
+    let mut sum = Homogeneous::default();
+    sum.across::<0, 1, 2>(w, scaled(p[3] - (b + c - a)));
+    sum.across::<1, 2, 0>(w, scaled(p[4] - (c + a - b)));
+    sum.across::<2, 0, 1>(w, scaled(p[5] - (a + b - c)));
+    sum.beyond::<0, 2>(w, scaled(p[6] - (2.0 * a - b)));
+    sum.beyond::<0, 1>(w, scaled(p[7] - (2.0 * a - c)));
+    sum.beyond::<1, 0>(w, scaled(p[8] - (2.0 * b - c)));
+    sum.beyond::<1, 2>(w, scaled(p[9] - (2.0 * b - a)));
+    sum.beyond::<2, 1>(w, scaled(p[10] - (2.0 * c - a)));
+    sum.beyond::<2, 0>(w, scaled(p[11] - (2.0 * c - b)));
+    let (d, dd) = (&sum.first, &sum.second);
+    LimitJet {
+        position: w[0] * a + w[1] * b + w[2] * c + sum.value,
+        du: b - a + d[1] - d[0],
+        dv: c - a + d[2] - d[0],
+        duu: dd[1][1] - 2.0 * dd[0][1] + dd[0][0],
+        duv: dd[1][2] - dd[0][1] - dd[0][2] + dd[0][0],
+        dvv: dd[2][2] - 2.0 * dd[0][2] + dd[0][0],
     }
-    jets[0] = std::array::from_fn(|order| sum[order] - x[order] - y[order]);
-    (jets[1], jets[2]) = (x, y);
-    jets
 }
 
-/// Its values alone.
+/// The values of its basis functions at (u, v).
 pub fn box_spline_values(at: DVec2) -> [f64; 12] {
-    // Inlined, the derivatives are never computed.
-    box_spline(at).map(|jet| jet[0])
+    let w = [1.0 - at.x - at.y, at.x, at.y];
+    let across = |k: usize| {
+        let (x, y, z) = (w[(k + 1) % 3], w[(k + 2) % 3], w[k]);
+        let (s, t) = (x + y, x * y);
+        let s2 = s * s;
+        (s2 * s2 + 2.0 * t * (s2 + t) + 2.0 * z * s * s2) * (1.0 / 12.0)
+    };
+    let beyond = |i: usize, j: usize| w[i].powi(3) * (w[i] + 2.0 * w[j]) * (1.0 / 12.0);
+    let mut values = [
+        0.0,
+        0.0,
+        0.0,
+        across(0),
+        across(1),
+        across(2),
+        beyond(0, 2),
+        beyond(0, 1),
+        beyond(1, 0),
+        beyond(1, 2),
+        beyond(2, 1),
+        beyond(2, 0),
+    ];
+    // What is left of 1, u and v.
+    let left = |of: f64, share: fn([f64; 2]) -> f64| {
+        let others = values.iter().zip(TRIANGLE_POINTS).skip(3);
+        others.fold(of, |left, (value, point)| left - share(point) * value)
+    };
+    let (sum, x, y) = (
+        left(1.0, |_| 1.0),
+        left(at.x, |p| p[0]),
+        left(at.y, |p| p[1]),
+    );
+    [values[0], values[1], values[2]] = [sum - x - y, x, y];
+    values
 }
 
 /// The four cubic B-splines that act on [0, 1], with their first and second derivatives.
@@ -160,17 +157,34 @@ fn cubic(t: f64) -> [[f64; 4]; 3] {
     ]
 }
 
-/// The bicubic B-spline at (u, v) of the unit square; control point (i, j), at (i − 1, j − 1), is number i + 4 j.
+/// The bicubic B-spline with control points `p` at (u, v) of the unit square; control point (i, j), at (i − 1, j − 1), is number i + 4 j.
 #[inline]
-pub fn bicubic(at: DVec2) -> Jets<16> {
+pub fn bicubic(p: &[DVec3; 16], at: DVec2) -> LimitJet {
     let (u, v) = (cubic(at.x), cubic(at.y));
-    let orders = [(0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2)];
-    std::array::from_fn(|k| orders.map(|(du, dv)| u[du][k % 4] * v[dv][k / 4]))
+    // By order, along u and then along v.
+    let mut jet = [[DVec3::ZERO; 3]; 3];
+    for (j, row) in p.as_chunks::<4>().0.iter().enumerate() {
+        for du in 0..3 {
+            let along = (0..4).fold(DVec3::ZERO, |sum, i| sum + u[du][i] * row[i]);
+            for dv in 0..3 - du {
+                jet[du][dv] += v[dv][j] * along;
+            }
+        }
+    }
+    LimitJet {
+        position: jet[0][0],
+        du: jet[1][0],
+        dv: jet[0][1],
+        duu: jet[2][0],
+        duv: jet[1][1],
+        dvv: jet[0][2],
+    }
 }
 
-/// Its values alone.
+/// The values of its basis functions at (u, v).
 pub fn bicubic_values(at: DVec2) -> [f64; 16] {
-    bicubic(at).map(|jet| jet[0])
+    let (u, v) = (cubic(at.x)[0], cubic(at.y)[0]);
+    std::array::from_fn(|k| u[k % 4] * v[k / 4])
 }
 
 #[cfg(test)]
@@ -183,11 +197,32 @@ mod tests {
             .collect()
     }
 
+    /// The value and the derivatives u, v, uu, uv, vv of each basis function, that of control point k by a spline that is 1 there and 0 at the others.
+    fn jets<const N: usize>(
+        spline: impl Fn(&[DVec3; N], DVec2) -> LimitJet,
+        at: DVec2,
+    ) -> [[f64; 6]; N] {
+        std::array::from_fn(|k| {
+            let mut points = [DVec3::ZERO; N];
+            points[k] = DVec3::Y;
+            spline(&points, at).to_array().map(|p| p.y)
+        })
+    }
+
     /// Differences of what a basis returns against its derivatives, and what it sums to.
-    fn check<const N: usize>(basis: impl Fn(DVec2) -> Jets<N>, point: impl Fn(usize) -> DVec2) {
+    fn check<const N: usize>(
+        spline: impl Fn(&[DVec3; N], DVec2) -> LimitJet,
+        values: impl Fn(DVec2) -> [f64; N],
+        point: impl Fn(usize) -> DVec2,
+    ) {
+        let basis = |at| jets(&spline, at);
         let h = 1e-5;
         for at in spots() {
             let here = basis(at);
+            let values = values(at);
+            for (jet, value) in here.iter().zip(values) {
+                assert!((jet[0] - value).abs() < 1e-15, "{at}: {jet:?} {value}");
+            }
             let sum = |order: usize, f: &dyn Fn(DVec2) -> f64| -> f64 {
                 (0..N).map(|k| here[k][order] * f(point(k))).sum()
             };
@@ -223,8 +258,10 @@ mod tests {
 
     #[test]
     fn both_bases_sum_to_one_reproduce_linear_functions_and_have_the_derivatives_they_claim() {
-        check(box_spline, |k| DVec2::from_array(TRIANGLE_POINTS[k]));
-        check(bicubic, |k| {
+        check(box_spline, box_spline_values, |k| {
+            DVec2::from_array(TRIANGLE_POINTS[k])
+        });
+        check(bicubic, bicubic_values, |k| {
             DVec2::new((k % 4) as f64, (k / 4) as f64) - 1.0
         });
     }

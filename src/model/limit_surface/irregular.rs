@@ -18,7 +18,6 @@
 
 use super::LimitJet;
 use super::basis;
-use super::control::Control;
 use super::domain::{depth, quarter};
 use super::ring::{self, Extent, Sector};
 use crate::error::Result;
@@ -177,8 +176,8 @@ impl Irregular {
         let picking = self.picking(depth, quarter);
         let local = to_local.apply(scale * at);
         let jet = match self.split {
-            Split::Triangles => Control::<12>::pick(picking, point).jet(&basis::box_spline(local)),
-            Split::Quads => Control::<16>::pick(picking, point).jet(&basis::bicubic(local)),
+            Split::Triangles => basis::box_spline(&pick(picking, point), local),
+            Split::Quads => basis::bicubic(&pick(picking, point), local),
         };
         jet.by(&(scale * to_local.linear))
     }
@@ -206,8 +205,8 @@ impl Irregular {
     pub fn pick(&self, points: &[DVec3], k: usize) -> Vec<DVec3> {
         let picking = self.picking(0, k);
         match self.split {
-            Split::Triangles => Control::<12>::pick(picking, |i| points[i]).points(),
-            Split::Quads => Control::<16>::pick(picking, |i| points[i]).points(),
+            Split::Triangles => pick::<12>(picking, |i| points[i]).into(),
+            Split::Quads => pick::<16>(picking, |i| points[i]).into(),
         }
     }
 
@@ -217,6 +216,21 @@ impl Irregular {
         let first = (3 * k as usize + quarter - 1) * size;
         &self.pickings[first..first + size]
     }
+}
+
+/// Combinations of points: a matrix `[N, points]` by columns times points by number.
+fn pick<const N: usize>(matrix: &[f64], point: impl Fn(usize) -> DVec3) -> [DVec3; N] {
+    // Coordinate by coordinate, so that sums run in vector registers.
+    let [mut x, mut y, mut z] = [[0.0; N]; 3];
+    for (i, column) in matrix.as_chunks::<N>().0.iter().enumerate() {
+        let p = point(i);
+        for r in 0..N {
+            x[r] += column[r] * p.x;
+            y[r] += column[r] * p.y;
+            z[r] += column[r] * p.z;
+        }
+    }
+    std::array::from_fn(|r| DVec3::new(x[r], y[r], z[r]))
 }
 
 /// The weight of each point where regular control points, picked from them by columns, have these weights.

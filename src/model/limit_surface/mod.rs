@@ -12,7 +12,6 @@
 //! [Stam 1998]: Evaluation of Loop subdivision surfaces. [Stam 1999]: Exact evaluation of Catmull–Clark subdivision surfaces at arbitrary parameter values.
 
 mod basis;
-mod control;
 mod domain;
 mod flat;
 mod irregular;
@@ -30,11 +29,11 @@ use super::refinement::{Level, Row, Split};
 use crate::error::{Error, Result};
 use crate::kernel::sparse::Csr;
 use crate::mesh::{Connectivity, ControlMesh, Scheme};
-use control::Control;
 use glam::{DMat2, DVec2, DVec3};
 use irregular::Irregular;
 use rayon::prelude::*;
 use ring::Sector;
+use std::array::from_fn;
 use std::collections::HashMap;
 
 /// A point of a limit surface: a control face and a point of the face's domain.
@@ -189,7 +188,7 @@ impl LimitSurface {
         }
     }
 
-    /// The position at a parameter as a combination of control points: (control point, weight), ascending, the weights summing to 1. Replaces what is in `out`.
+    /// The position at a parameter as a combination of control points: (control point, weight), each once, the weights summing to 1. Replaces what is in `out`.
     pub fn weights(&self, at: SurfaceParameter, out: &mut Vec<(u32, f64)>) {
         out.clear();
         let (quarter, to_local) = domain::quarter(self.split, DVec2::new(at.u, at.v));
@@ -202,7 +201,6 @@ impl LimitSurface {
             }
             (None, Split::Quads) => self.combine(indices, &basis::bicubic_values(local), out),
         }
-        out.sort_unstable_by_key(|entry| entry.0);
     }
 
     /// Appends the control points that rows of the matrix, by number and with weights, are a combination of.
@@ -292,8 +290,8 @@ impl Patches<'_> {
         let point = |i: usize| self.points[indices[i] as usize];
         let jet = match (table, self.surface.split) {
             (Some(table), _) => table.jet(point, local),
-            (None, Split::Triangles) => Control::<12>::gather(point).jet(&basis::box_spline(local)),
-            (None, Split::Quads) => Control::<16>::gather(point).jet(&basis::bicubic(local)),
+            (None, Split::Triangles) => basis::box_spline(&from_fn(point), local),
+            (None, Split::Quads) => basis::bicubic(&from_fn(point), local),
         };
         jet.by(&to_local.linear)
     }

@@ -511,7 +511,7 @@ fn peaks_are_lowered_at_the_end_only() {
         .iterations
         .chunk_by(|a, b| a.control_points == b.control_points);
     let steps: Vec<usize> = phases.map(<[_]>::len).collect();
-    assert_eq!(steps, [12, 25]);
+    assert_eq!(steps, [12, 31]);
 }
 
 /// A surface of the public data.

@@ -7,7 +7,9 @@
 //! move the whole surface: the bunny with 1,538 points had 0.51 % so, and has 0.28 % now.)
 //!
 //! A peak must be seen to be lowered. Every few steps all vertices of both sides and dense samples are searched; those far away are
-//! watched until the next search, and the surface whose largest distance in such a search is least is the result.
+//! watched until the next search, and the surface with the least product of the largest distance in such a search and the mean squared distance is the result.
+//! (The least largest distance alone is now and then that of an early search, with a rms still high: the rocker arm from a torus of 512 points ended
+//! with 0.0952 in place of 0.0933 %, and the same largest distance.)
 
 use super::least_squares::{Footpoint, Weights};
 use super::polish::{Correspondence, Polish, Step, Surface};
@@ -18,7 +20,7 @@ use crate::mesh::sample::{SurfacePoint, sample_by_area};
 use glam::DVec3;
 
 /// Steps; a multiple of [`SEARCH`], so that the last one is judged.
-pub(super) const STEPS: usize = 15;
+pub(super) const STEPS: usize = 21;
 /// Steps from one dense search to the next.
 const SEARCH: usize = 3;
 /// Dense samples, in units of those of the polish.
@@ -27,8 +29,9 @@ const DENSE: usize = 2;
 const WATCH: f64 = 0.25;
 /// The share of the largest distance that the limit is at most, in the first step and in the last.
 const LIMIT: (f64, f64) = (0.5, 0.9);
-/// The weight of a footpoint beyond the limit, in units of the others'.
-const PENALTY: f64 = 500.0;
+/// The weight of a footpoint beyond the limit, in units of the others'. With 500 the first steps raise the rms by a twelfth, and it takes as many
+/// again to come down: the bunny with 1,538 points ends with 0.042 in place of 0.040 %, and no lower a peak.
+const PENALTY: f64 = 200.0;
 
 /// Points of either side.
 #[derive(Default)]
@@ -38,7 +41,7 @@ struct Watched {
 }
 
 impl Polish<'_> {
-    /// Runs all steps; ends with the control points whose largest distance is least. Where `observe` says stop, the present ones
+    /// Runs all steps; ends with the best control points that a search saw. Where `observe` says stop, the present ones
     /// are left.
     pub(super) fn flatten_peaks(
         &mut self,
@@ -58,8 +61,9 @@ impl Polish<'_> {
             if step % SEARCH == 0 {
                 let max;
                 (max, watched) = self.search(&surface, &everything, found.max())?;
-                if max < best.0 {
-                    best = (max, control_points.clone());
+                let error = max * found.step(step).mean_square;
+                if error < best.0 {
+                    best = (error, control_points.clone());
                 }
             }
             let Watched {

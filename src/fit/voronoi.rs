@@ -36,11 +36,11 @@ struct Schedule {
     near: &'static [(f64, usize)],
 }
 
-/// From a box around the target: much smoothness, or it folds on the way.
+/// From a box around the target: much smoothness, or it folds on the way. More steps near it gain less than the polish does in their time.
 const FROM_AFAR: Schedule = Schedule {
     far: &[(300.0, 20), (30.0, 20), (3.0, 20)],
-    middle: &[(10.0, 20), (1.0, 20)],
-    near: &[(10.0, 12), (1.0, 12)],
+    middle: &[(10.0, 10), (1.0, 10)],
+    near: &[(10.0, 10), (1.0, 10)],
 };
 /// From a template of about the target's shape. With the schedule above, a torus of 512 points around the rocker arm
 /// ends with 2.7 % of its triangles folded and twice the error.

@@ -51,7 +51,7 @@ fn checked(control: &ControlMesh) -> Connectivity {
 }
 
 fn assert_wraps(name: &str, target: &TriangleMesh, asked: usize, euler: i64) {
-    let Automatic { control, sound } =
+    let Automatic { control, sound, .. } =
         automatic(target, asked, Genus::Simplify, Holes::Bridge).expect(name);
     let found = checked(&control).euler_characteristic();
     let points = control.mesh.positions.len();

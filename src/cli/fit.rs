@@ -1,7 +1,7 @@
 //! `vorofit fit`: a surface from a scan.
 
 use super::choices::{Alignment, GenusName, MethodName, SchemeName, StepName, Switch};
-use super::job::{Job, Method, PagePlace, Target, warn_of_flaws};
+use super::job::{Job, Method, PagePlace, Target, sweep, warn_of_flaws};
 use super::outputs::Outputs;
 use super::render::AxisName;
 use super::session::Session;
@@ -193,10 +193,11 @@ impl Args {
             .stage(&format!("reading {}", self.target[0].display()));
         let (method, settings) = self.method()?;
         outputs.check_sharp(method.template(), self.scheme())?;
-        let scan = read_scans(&self.target)?;
-        let target = match &scan {
+        let mut scan = read_scans(&self.target)?;
+        let target = match &mut scan {
             Scan::Surface(surface) => {
                 warn_of_flaws(session, &self.target[0], &surface.census);
+                sweep(session, &self.target[0], &mut surface.mesh);
                 Target::Surface {
                     mesh: &surface.mesh,
                     confidence: &surface.confidence,

@@ -13,6 +13,7 @@ use vorofit::fit::{
 };
 use vorofit::measure::{self, Mended};
 use vorofit::mesh::check::Census;
+use vorofit::mesh::specks;
 use vorofit::mesh::{
     Connectivity, ControlMesh, Frame, PointCloud, PolygonMesh, Scheme, TriangleMesh,
 };
@@ -520,6 +521,19 @@ pub fn warn_of_flaws(session: &Session, path: &Path, census: &Census) {
         session
             .terminal
             .warn(&format!("{}: {}", path.display(), warnings.join(", ")));
+    }
+}
+
+/// Takes the specks out of a mesh, and says so.
+pub fn sweep(session: &Session, path: &Path, mesh: &mut PolygonMesh) {
+    if let Some(swept) = specks::swept(mesh) {
+        session.terminal.warn(&format!(
+            "{}: {} faces are left out, in specks up to {:.1} % of the diagonal outside of the rest",
+            path.display(),
+            swept.faces,
+            100.0 * swept.farthest
+        ));
+        *mesh = swept.mesh;
     }
 }
 

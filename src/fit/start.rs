@@ -87,6 +87,8 @@ pub enum Proximity {
     Folded,
     /// On it without folds: with the polish, closest points serve from the start.
     Touching,
+    /// The same, but much of it faces away from what is closest: of the closest points those serve that face alike.
+    Opposed,
 }
 
 impl Start {
@@ -122,9 +124,10 @@ impl Start {
             } => {
                 let (count, subdivisions) = at_most(*control_points, MOST_AUTOMATIC);
                 let automatic = template::automatic(&target.mesh, count, *genus, target.holes)?;
-                proximity = match automatic.sound {
-                    true => Proximity::Touching,
-                    false => Proximity::Folded,
+                proximity = match (automatic.sound, automatic.opposed) {
+                    (true, false) => Proximity::Touching,
+                    (true, true) => Proximity::Opposed,
+                    (false, _) => Proximity::Folded,
                 };
                 (automatic.control, subdivisions)
             }

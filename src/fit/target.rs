@@ -196,6 +196,18 @@ impl Target {
         Ok(found.par_iter().map(|c| self.describe(c)).collect())
     }
 
+    /// The closest of its points that face like `facing`, if it is no further than `distance`.
+    pub(super) fn closest_facing(
+        &self,
+        point: DVec3,
+        facing: DVec3,
+        distance: f64,
+    ) -> Option<TargetPoint> {
+        let faces_alike = |t: u32| self.mesh.area_vector(t as usize).dot(facing) > 0.0;
+        let found = self.closest.query_of(point, distance, faces_alike);
+        found.map(|c| self.describe(&c))
+    }
+
     fn describe(&self, c: &ClosestPoint) -> TargetPoint {
         TargetPoint {
             point: c.point,

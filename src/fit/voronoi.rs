@@ -167,16 +167,17 @@ pub fn fit_with_checkpoints(
         fingerprint,
         phases: 0,
         calm: match start.proximity {
-            Proximity::Touching => CALM,
+            Proximity::Touching | Proximity::Opposed => CALM,
             Proximity::Far | Proximity::Near | Proximity::Folded => 1.0,
         },
+        tells_sides: matches!(start.proximity, Proximity::Opposed | Proximity::Folded),
         control: start.control,
         iterations: Vec::new(),
         stages: Vec::new(),
         started: Instant::now(),
         ended: None,
     };
-    if start.proximity == Proximity::Touching && options.polish {
+    if start.proximity.is_touching() && options.polish {
         run.polishes_from(start.subdivisions)?;
     } else {
         run.all_stages(start.subdivisions, start.proximity.schedule())?;
@@ -203,10 +204,14 @@ pub fn fit_with_checkpoints(
 }
 
 impl Proximity {
+    fn is_touching(self) -> bool {
+        matches!(self, Self::Touching | Self::Opposed)
+    }
+
     fn schedule(self) -> &'static Schedule {
         match self {
             Self::Far => &FROM_AFAR,
-            Self::Near | Self::Touching => &FROM_NEARBY,
+            Self::Near | Self::Touching | Self::Opposed => &FROM_NEARBY,
             Self::Folded => &FROM_FOLDS,
         }
     }
@@ -223,6 +228,8 @@ struct Run<'a> {
     phases: usize,
     /// The factor on the squared Laplacian of the control mesh.
     calm: f64,
+    /// Whether the polish has to tell the sides of thin walls apart.
+    tells_sides: bool,
     control: ControlMesh,
     iterations: Vec<Iteration>,
     stages: Vec<(String, f64)>,
@@ -246,6 +253,7 @@ impl Run<'_> {
             if self.options.polish && next_is_large && left > 0 {
                 self.polish(Role {
                     approaches: false,
+                    tells_sides: self.tells_sides,
                     finishes: false,
                 })?;
             }
@@ -260,6 +268,7 @@ impl Run<'_> {
         if self.options.polish {
             self.polish(Role {
                 approaches: false,
+                tells_sides: self.tells_sides,
                 finishes: true,
             })?;
         }
@@ -273,6 +282,7 @@ impl Run<'_> {
         for level in 0..subdivisions {
             self.polish(Role {
                 approaches: level == 0,
+                tells_sides: self.tells_sides,
                 finishes: false,
             })?;
             self.control = model::subdivide(&self.control, self.options.scheme)?;
@@ -282,6 +292,7 @@ impl Run<'_> {
         }
         self.polish(Role {
             approaches: subdivisions == 0 && self.options.anisotropy.is_none(),
+            tells_sides: self.tells_sides,
             finishes: true,
         })
     }

@@ -121,6 +121,17 @@ impl ClosestPoints {
             Some(resident) => resident.query(&self.bvh, points),
         }
     }
+
+    /// The point closest to `p` of those triangles, by their index, that are `wanted`, if it is no further than `distance`. For the few points that
+    /// the closest one of all does not suit: this is done on the host.
+    pub fn query_of(
+        &self,
+        p: DVec3,
+        distance: f64,
+        wanted: impl Fn(u32) -> bool,
+    ) -> Option<ClosestPoint> {
+        self.bvh.closest_of(p, distance, wanted)
+    }
 }
 
 /// A tree on a device.

@@ -269,18 +269,18 @@ fn sorted_edges(mesh: &PolygonMesh) -> Vec<Side> {
 }
 
 /// Disjoint sets of vertices; the root of a set is its lowest vertex.
-struct DisjointSets {
+pub(super) struct DisjointSets {
     parent: Vec<u32>,
 }
 
 impl DisjointSets {
-    fn new(vertices: usize) -> Self {
+    pub fn new(vertices: usize) -> Self {
         Self {
             parent: (0..vertices as u32).collect(),
         }
     }
 
-    fn root(&mut self, mut v: u32) -> u32 {
+    pub fn root(&mut self, mut v: u32) -> u32 {
         while self.parent[v as usize] != v {
             let grandparent = self.parent[self.parent[v as usize] as usize];
             self.parent[v as usize] = grandparent;
@@ -289,7 +289,7 @@ impl DisjointSets {
         v
     }
 
-    fn unite(&mut self, a: u32, b: u32) {
+    pub fn unite(&mut self, a: u32, b: u32) {
         let (a, b) = (self.root(a), self.root(b));
         self.parent[a.max(b) as usize] = a.min(b);
     }

@@ -9,6 +9,7 @@ mod nodal;
 mod polygon;
 pub mod sample;
 pub mod shapes;
+pub mod specks;
 mod triangle;
 mod volume;
 pub(crate) mod weld;

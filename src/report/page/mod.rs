@@ -70,7 +70,7 @@ pub struct Subject<'a> {
     pub surface: &'a PolygonMesh,
     /// `[surface vertices]`: from the target, if it has triangles.
     pub distances: Option<&'a [f64]>,
-    /// `[surface vertices]`: whether they are over the target rather than over its holes; of any length where there are no distances.
+    /// `[surface vertices]`: whether they lie over the target rather than over one of its holes; empty where there are no distances.
     pub covered: &'a [bool],
     /// What is upwards in the pictures.
     pub up: Axis,

@@ -53,6 +53,8 @@ pub struct Automatic {
     pub control: ControlMesh,
     /// Whether a fit should start with closest points: it has the right topology and hardly a fold, or Voronoi cells would do harm, as between scans and at rims.
     pub sound: bool,
+    /// Whether much of it faces away from what of the target is closest, as on thin walls and behind gaps: of the closest points those should lead that face alike.
+    pub opposed: bool,
 }
 
 /// A way from the skin to quads.
@@ -145,6 +147,7 @@ pub fn automatic(
             return Ok(Automatic {
                 control: quads.into(),
                 sound: true,
+                opposed: judgement.thin,
             });
         };
         log::info!("automatic template: attempt {k} rejected: {objection}");
@@ -172,6 +175,7 @@ pub fn automatic(
     }
     Ok(Automatic {
         control: quads.into(),
+        opposed: judgement.thin || !judgement.is_sound(),
         // Where scans overlap some face away behind others, and Voronoi cells collapse over the gaps between them; of rims they know nothing.
         sound: judgement.is_sound()
             || subject.rim.is_some()

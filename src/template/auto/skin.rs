@@ -24,6 +24,9 @@ use rayon::prelude::*;
 /// Cells to the target's diagonal: those that should agree, and the ones that decide otherwise.
 const CELLS: [f64; 3] = [96.0, 128.0, 192.0];
 
+/// Cells for a double wall that only the finest of these has found: between its sides there are still handles, which this one sees through (snowden's 18).
+const WALL_CELLS: f64 = 256.0;
+
 /// Thresholds on the winding number, for one layer. Never lower: handles appear.
 const THRESHOLDS: [f64; 3] = [0.5, 0.35, 0.25];
 
@@ -152,6 +155,7 @@ impl<'a> Subject<'a> {
         }
         let most = (self.bounds.1 - self.bounds.0).length() / least;
         let [coarse, fine, finest] = CELLS.map(|cells| cells * (most / CELLS[1]).min(1.0));
+        let is_wall = |b: &Skin, c: &Skin| !b.enclosed && c.enclosed;
         let skin = match (self.skin_of(coarse)?, self.skin_of(fine)?) {
             (Some(a), Some(b)) if a.euler == b.euler || b.covered < SURFACE => Some(b),
             (a, b) => {
@@ -163,6 +167,9 @@ impl<'a> Subject<'a> {
                 );
                 match (b, self.skin_of(finest)?) {
                     (Some(b), Some(c)) if c.euler < b.euler - 2 * MOST_HANDLES => Some(b),
+                    (Some(b), Some(c)) if is_wall(&b, &c) => {
+                        self.skin_of(WALL_CELLS * finest / CELLS[2])?
+                    }
                     (_, c) => c,
                 }
             }
@@ -178,6 +185,12 @@ impl<'a> Subject<'a> {
                 "mend it, or give --template bbox or a mesh",
             )),
         }
+    }
+
+    /// Whether one of the target's triangles that are `wanted` is no further from a point than this share of the diagonal.
+    pub fn has_near(&self, point: DVec3, share: f64, wanted: impl Fn(u32) -> bool) -> bool {
+        let reach = share * (self.bounds.1 - self.bounds.0).length();
+        self.tree.closest_of(point, reach, wanted).is_some()
     }
 
     /// How many vertices of the target are further from a skin than this share of the diagonal, and how far the farthest of them is, in diagonals.

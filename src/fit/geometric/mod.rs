@@ -422,6 +422,11 @@ impl Run<'_> {
         let mean_error = mean_error
             .map(|t| peaks::MARGIN * t)
             .filter(|&t| error.mean > t);
+        let of_max = match self.options.are_peaks_left(error) {
+            true => peaks::SPLIT,
+            false => 1.0,
+        };
+        let max_error = max_error.map(|t| of_max * t);
         // A face may have as much of the sum of distances as every other: that is what fewest faces reach a mean with.
         let samples_to_a_face = self.samples.len() as f64 / faces.len() as f64;
         let ratio = |&(max, sum): &(f64, f64)| {

@@ -188,7 +188,7 @@ impl LimitSurface {
         }
     }
 
-    /// The position at a parameter as a combination of control points: (control point, weight), each once, the weights summing to 1. Replaces what is in `out`.
+    /// The position at a parameter as a combination of control points: (control point, weight), ascending, the weights summing to 1. Replaces what is in `out`.
     pub fn weights(&self, at: SurfaceParameter, out: &mut Vec<(u32, f64)>) {
         out.clear();
         let (quarter, to_local) = domain::quarter(self.split, DVec2::new(at.u, at.v));
@@ -201,6 +201,7 @@ impl LimitSurface {
             }
             (None, Split::Quads) => self.combine(indices, &basis::bicubic_values(local), out),
         }
+        out.sort_unstable_by_key(|entry| entry.0);
     }
 
     /// Appends the control points that rows of the matrix, by number and with weights, are a combination of.

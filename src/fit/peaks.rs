@@ -4,7 +4,7 @@
 //! least squares a penalty on what is farther from its goal than a limit: such a footpoint is pulled with a large weight, but
 //! only to the limit, and what is nearer feels nothing, so the rms hardly suffers. The limit is a share of the present largest
 //! distance and never rises: where it did, what it held back sprang back. (Weights by a power of the distance, the usual way,
-//! move the whole surface: the bunny with 1,538 points had 0.51 % so, and has 0.28 % now.)
+//! move the whole surface: the bunny with 1,538 points had 0.51 % so, and has 0.25 % now.)
 //!
 //! A peak must be seen to be lowered. Every few steps all vertices of both sides and dense samples are searched; those far away are
 //! watched until the next search, and the surface with the least product of the largest distance in such a search and the mean squared distance is the result.

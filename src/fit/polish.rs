@@ -68,7 +68,7 @@ const RELAX: f64 = 0.8;
 /// Distances under this, in diagonals, have no direction of their own.
 const COINCIDENT: f64 = 1e-7;
 
-/// How much further than the closest point, in diagonals, a footpoint may be that faces alike: twice the rms of a fit. With 0.01 the largest error of overlapping scans is twice
+/// How much further than the closest point, in diagonals, a footpoint may be that faces alike: twice the rms of a fit to overlapping scans. With 0.01 the largest error of overlapping scans is twice
 /// what it is without.
 const ALIKE: f64 = 0.002;
 

@@ -1,6 +1,6 @@
 //! Specks: pieces of a scan that are too small to be seen, and what they would spoil.
 //!
-//! A stray triangle beside a bust made the bust's bounding box larger by a quarter, so that grids saw less of it, and was its largest error.
+//! `vorofit fit` leaves them out, and says so; a library's caller decides. A stray triangle beside a bust made the bust's bounding box larger by a quarter, so that grids saw less of it, and was its largest error.
 
 use super::PolygonMesh;
 use super::check::DisjointSets;
